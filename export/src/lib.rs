@@ -1,0 +1,18 @@
+//! Writes baked networks as ONNX that any renderer can run without our code: symmetry fold, encodings, lobe
+//! frame, layers, warp and Jacobian are all inside the graph, and its inputs are raw directions and uniforms.
+//!
+//! The graphs are the f32 counterpart of `bake_runtime::oracle`, which defines what they must compute.
+#![forbid(unsafe_code)]
+
+mod features;
+mod frame;
+mod graph;
+mod layers;
+mod proto;
+mod query;
+#[cfg(test)]
+mod tests;
+mod warp;
+mod writer;
+
+pub use writer::{export, to_onnx};

@@ -1,0 +1,100 @@
+//! The interface of everything that runs a baked material: native SIMD, or onnxruntime.
+
+use crate::error::{Error, Result};
+use crate::network::Network;
+use crate::spec::Role;
+use std::path::Path;
+
+/// The three networks of one baked material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BakedMaterial {
+    /// (wo, u) ↦ wi, weight, jacobian.
+    pub sample: Network,
+    /// (wo, wi) ↦ f_cos.
+    pub eval: Network,
+    /// (wo, wi) ↦ pdf.
+    pub pdf: Network,
+}
+
+impl BakedMaterial {
+    /// Reads `sample.safetensors`, `eval.safetensors` and `pdf.safetensors` from `folder`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] or [`Error::Network`], naming the file; also when the three disagree about role or material.
+    pub fn load(folder: &Path) -> Result<BakedMaterial> {
+        let load = |role: Role| -> Result<Network> {
+            let path = folder.join(role.name()).with_extension("safetensors");
+            let network = Network::load(&path)?;
+            if network.spec.role != role {
+                return Err(Error::network(path, format!("it is a {} network", network.spec.role.name())));
+            }
+            Ok(network)
+        };
+        let baked = BakedMaterial { sample: load(Role::Sample)?, eval: load(Role::Eval)?, pdf: load(Role::Pdf)? };
+        for other in [&baked.eval, &baked.pdf] {
+            if other.spec.material != baked.sample.spec.material {
+                let path = folder.join(other.spec.role.name()).with_extension("safetensors");
+                return Err(Error::network(path, "it was baked from another material than sample.safetensors"));
+            }
+        }
+        Ok(baked)
+    }
+
+    /// Writes the three files into `folder`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] naming the file.
+    pub fn save(&self, folder: &Path) -> Result<()> {
+        for network in [&self.sample, &self.eval, &self.pdf] {
+            network.save(&folder.join(network.spec.role.name()).with_extension("safetensors"))?;
+        }
+        Ok(())
+    }
+}
+
+/// Runs the networks of one material on batches. Each array is a structure of arrays: one slice per
+/// component, all of the same length. Directions are unit vectors of the shading frame, away from the surface.
+///
+/// A query whose `wo` (or `wi`) is not finite or not above the horizon gives zeros and `wi` = (0, 0, 1).
+/// Outputs are always finite.
+///
+/// # Errors
+/// Every method returns [`Error::BatchLength`] when slices differ in length; onnxruntime may add its own.
+pub trait Backend: Send {
+    /// Learned estimator: `wi`, and the regressed `weight` (RGB, ≥ 0). One pass.
+    fn sample_learned(
+        &mut self,
+        wo: [&[f32]; 3],
+        u: [&[f32]; 2],
+        wi: [&mut [f32]; 3],
+        weight: [&mut [f32]; 3],
+    ) -> Result<()>;
+
+    /// Exact estimators: `wi`, and the signed determinant of u ↦ solid angle (sr). About three passes.
+    ///
+    /// `f_cos · jacobian` is an unbiased weight; 1/|jacobian| is the density of `wi` where the map does not fold.
+    fn sample_jacobian(
+        &mut self,
+        wo: [&[f32]; 3],
+        u: [&[f32]; 2],
+        wi: [&mut [f32]; 3],
+        jacobian: &mut [f32],
+    ) -> Result<()>;
+
+    /// `f_cos` RGB, sr⁻¹.
+    fn eval(&mut self, wo: [&[f32]; 3], wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()>;
+
+    /// Learned density of `wi`, sr⁻¹: for weights of multiple importance sampling, never to divide by.
+    fn pdf(&mut self, wo: [&[f32]; 3], wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()>;
+}
+
+/// Checks that the named slices all have `expected` elements.
+///
+/// # Errors
+/// [`Error::BatchLength`] naming the first that has not.
+pub fn check_lengths(expected: usize, slices: &[(&'static str, usize)]) -> Result<()> {
+    match slices.iter().find(|(_, found)| *found != expected) {
+        Some(&(name, found)) => Err(Error::BatchLength { name, expected, found }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,68 @@
+//! The one error type of this crate.
+
+use std::path::PathBuf;
+
+/// What can go wrong when a material or a network is described, loaded or queried.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A material parameter is missing, unknown, not a number, or out of its range.
+    #[error("material parameter `{name}`: {reason}")]
+    Parameter {
+        /// The parameter as the material file spells it, e.g. `alpha[0]`.
+        name: String,
+        /// What is wrong and which values are allowed.
+        reason: String,
+    },
+    /// A file could not be read or written.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// A network file is truncated, of another program, or contradicts its own specification.
+    #[error("{path}: not a network this program can run: {reason}")]
+    Network {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The slices of one batch differ in length.
+    #[error("batch of {expected} queries, but `{name}` has {found} elements")]
+    BatchLength {
+        /// The offending argument.
+        name: &'static str,
+        /// The length of the first argument.
+        expected: usize,
+        /// The length found.
+        found: usize,
+    },
+    /// The SIMD tier asked for does not exist on this processor.
+    #[error("SIMD tier `{0}` is not available on this processor")]
+    Tier(&'static str),
+    /// onnxruntime is missing, too old, or refused a model.
+    #[error("{0}")]
+    Onnxruntime(String),
+}
+
+/// `Result` with this crate's [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// An [`Error::Io`] for `path`.
+    pub fn io(path: impl Into<PathBuf>, source: std::io::Error) -> Self {
+        Error::Io { path: path.into(), source }
+    }
+
+    /// An [`Error::Parameter`] for `name`.
+    pub fn parameter(name: impl Into<String>, reason: impl Into<String>) -> Self {
+        Error::Parameter { name: name.into(), reason: reason.into() }
+    }
+
+    /// An [`Error::Network`] for `path`.
+    pub fn network(path: impl Into<PathBuf>, reason: impl Into<String>) -> Self {
+        Error::Network { path: path.into(), reason: reason.into() }
+    }
+}

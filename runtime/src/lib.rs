@@ -1,0 +1,30 @@
+//! What a renderer links: reference BSDFs, and the baked networks that sample, evaluate and give the pdf of
+//! them, run by our own SIMD kernels or (feature `ort`) by onnxruntime.
+//!
+//! Words and units: `wo` to the camera, `wi` to the light, both away from the surface, z = normal; `f_cos` is
+//! f·cos θ_i in sr⁻¹; `pdf` is per solid angle of `wi`; `weight` is `f_cos / pdf`; `u` are two uniforms.
+#![deny(unsafe_code)]
+
+pub mod backend;
+pub mod bsdf;
+pub mod concentric;
+pub mod conductor;
+pub mod encoding;
+pub mod error;
+pub mod frame;
+pub mod material;
+pub mod native;
+pub mod network;
+#[cfg(feature = "ort")]
+pub mod onnxruntime;
+pub mod oracle;
+pub mod random;
+pub mod spec;
+
+pub use backend::{Backend, BakedMaterial};
+pub use bsdf::{Bsdf, BsdfSample};
+pub use error::{Error, Result};
+pub use material::Material;
+pub use network::{Dense, Network};
+pub use random::Rng;
+pub use spec::{NetworkSpec, Role};

@@ -1,0 +1,94 @@
+//! What a processor must offer: lanes of f32 and a way to enter code compiled for them. Every formula of this
+//! module tree is written once over these traits; the arch files implement them and nothing else.
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// Adding this to |t| < 2²² leaves round(t) in the low mantissa bits; subtracting it again gives round(t).
+pub const ROUND: f32 = 1.5 * (1 << 23) as f32;
+
+/// Proof that this processor runs a tier's instructions: only a successful detection makes one.
+pub trait Simd: Copy + Send + 'static {
+    /// The lanes of this tier.
+    type Vector: Vector;
+
+    /// `value` in every lane.
+    fn splat(self, value: f32) -> Self::Vector;
+
+    /// The first [`Vector::LANES`] elements of `source`; lanes beyond its end are 0.
+    fn load(self, source: &[f32]) -> Self::Vector;
+
+    /// Runs `task` in a function compiled with this tier's instructions, into which everything marked
+    /// `#[inline(always)]` is compiled with them.
+    fn enter<T: Task>(self, task: T);
+}
+
+/// A job over a whole batch.
+pub trait Task {
+    /// Does it. Implementations are `#[inline(always)]`, and so is all they call on vectors.
+    fn run(self);
+}
+
+/// Lanes of f32. A value exists only where a [`Simd`] made one, so its methods need no further proof.
+pub trait Vector:
+    Copy
+    + Send
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+{
+    /// Number of lanes.
+    const LANES: usize;
+
+    /// One truth value per lane.
+    type Mask: Copy;
+
+    /// `value` in every lane; `self` is only the proof.
+    fn splat(self, value: f32) -> Self;
+
+    /// Writes the lanes to `out`, as many as fit.
+    fn store(self, out: &mut [f32]);
+
+    /// self·a + b, rounded once where the tier has fused multiply-add and twice elsewhere.
+    fn mul_add(self, a: Self, b: Self) -> Self;
+
+    /// The smaller; `other` where `self` is NaN.
+    fn min(self, other: Self) -> Self;
+
+    /// The larger; `other` where `self` is NaN.
+    fn max(self, other: Self) -> Self;
+
+    /// Square root, correctly rounded.
+    fn sqrt(self) -> Self;
+
+    /// Absolute value.
+    fn abs(self) -> Self;
+
+    /// 1/self within 2 ULP, for |self| in `[1, 2¹²⁵]`.
+    fn reciprocal(self) -> Self;
+
+    /// Where self < other; false where either is NaN.
+    fn less(self, other: Self) -> Self::Mask;
+
+    /// `yes` where `mask` holds, `no` elsewhere.
+    fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+
+    /// self·2ⁿ for `rounded` = n + [`ROUND`], as long as self and the result are normal numbers.
+    fn scale_exponent(self, rounded: Self) -> Self;
+
+    /// (e, m) with self = m·2ᵉ and m in `[√½, √2)`, for positive normal numbers.
+    fn split_exponent(self) -> (Self, Self);
+
+    /// self limited to `[low, high]`; `low` where self is NaN.
+    #[inline(always)]
+    fn clamp(self, low: f32, high: f32) -> Self {
+        self.max(self.splat(low)).min(self.splat(high))
+    }
+
+    /// self·a + b for a constant b.
+    #[inline(always)]
+    fn mul_add_const(self, a: Self, b: f32) -> Self {
+        self.mul_add(a, self.splat(b))
+    }
+}

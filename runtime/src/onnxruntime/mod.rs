@@ -1,0 +1,103 @@
+//! Runs the exported ONNX models through onnxruntime, on one thread (feature `ort`).
+//!
+//! Encodings, frame and Jacobian are inside the models, so this only packs raw queries into tensors and takes
+//! the answers apart. The library is loaded when the first backend is made; see [`library_path`].
+
+mod library;
+mod model;
+
+pub use library::{ONNXRUNTIME_PINNED, library_path};
+
+use crate::backend::Backend;
+use crate::error::{Error, Result};
+use crate::spec::Role;
+use model::Model;
+use std::path::Path;
+
+/// Runs `sample.onnx`, `eval.onnx` and `pdf.onnx` of one folder; a session for each, one thread.
+///
+/// `sample.onnx` always computes weight and Jacobian together, so both `sample` methods cost the same.
+pub struct OrtBackend {
+    sample: Model,
+    eval: Model,
+    pdf: Model,
+}
+
+impl OrtBackend {
+    /// Loads the three models of `folder`.
+    ///
+    /// # Errors
+    /// [`Error::Onnxruntime`] when the library is missing, too old or not onnxruntime; [`Error::Io`] when a model
+    /// cannot be read; [`Error::Network`] when it is truncated, of another program, role or material.
+    pub fn new(folder: &Path) -> Result<OrtBackend> {
+        let load = |role: Role| Model::load(folder.join(role.name()).with_extension("onnx"), role);
+        let backend = OrtBackend {
+            sample: load(Role::Sample)?,
+            eval: load(Role::Eval)?,
+            pdf: load(Role::Pdf)?,
+        };
+        for other in [&backend.eval, &backend.pdf] {
+            if other.spec.material != backend.sample.spec.material {
+                return Err(Error::network(
+                    &other.path,
+                    "it was baked from another material than sample.onnx",
+                ));
+            }
+        }
+        Ok(backend)
+    }
+}
+
+impl Backend for OrtBackend {
+    fn sample_learned(
+        &mut self,
+        wo: [&[f32]; 3],
+        u: [&[f32]; 2],
+        wi: [&mut [f32]; 3],
+        weight: [&mut [f32]; 3],
+    ) -> Result<()> {
+        self.sample
+            .run([&wo, &u], &mut [("wi", wi.into()), ("weight", weight.into())])
+    }
+
+    fn sample_jacobian(
+        &mut self,
+        wo: [&[f32]; 3],
+        u: [&[f32]; 2],
+        wi: [&mut [f32]; 3],
+        jacobian: &mut [f32],
+    ) -> Result<()> {
+        self.sample
+            .run([&wo, &u], &mut [("wi", wi.into()), ("jacobian", vec![jacobian])])
+    }
+
+    fn eval(&mut self, wo: [&[f32]; 3], wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()> {
+        self.eval.run([&wo, &wi], &mut [("f_cos", f_cos.into())])
+    }
+
+    fn pdf(&mut self, wo: [&[f32]; 3], wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
+        self.pdf.run([&wo, &wi], &mut [("pdf", vec![pdf])])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Holds at compile time: each thread of a renderer owns a backend, and may have been given it by another.
+    const _: fn() = || {
+        fn is_send<T: Send>() {}
+        is_send::<OrtBackend>();
+    };
+
+    #[test]
+    fn a_folder_without_models_or_a_machine_without_onnxruntime_is_an_error() {
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        match OrtBackend::new(folder.path()) {
+            Err(Error::Io { path, .. }) => assert_eq!(path, folder.path().join("sample.onnx")),
+            Err(Error::Onnxruntime(message)) => assert!(message.contains(ONNXRUNTIME_PINNED), "{message}"),
+            Err(other) => panic!("unexpected error {other}"),
+            Ok(_) => panic!("an empty folder has no models"),
+        }
+    }
+}

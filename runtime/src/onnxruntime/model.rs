@@ -1,0 +1,162 @@
+//! One ONNX file in an onnxruntime session: loading with every check, and batches in and out.
+
+use super::library::environment;
+use crate::backend::check_lengths;
+use crate::error::{Error, Result};
+use crate::network::parse_spec;
+use crate::spec::{NetworkSpec, Port, Role, SPEC_KEY};
+use ort::environment::Environment;
+use ort::logging::LogLevel;
+use ort::session::Session;
+use ort::session::builder::GraphOptimizationLevel;
+use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
+use std::path::PathBuf;
+
+/// Queries per call of onnxruntime: enough to hide its cost per call, few enough to stay in the caches.
+const CHUNK: usize = 1024;
+
+/// A structure of arrays to be filled, under the name of the graph output that fills it.
+type Output<'a> = (&'static str, Vec<&'a mut [f32]>);
+
+/// A loaded model.
+pub struct Model {
+    /// What it says it is.
+    pub spec: NetworkSpec,
+    /// The file it came from.
+    pub path: PathBuf,
+    session: Session,
+    /// Row-major `[N, width]` for each input, kept from call to call.
+    rows: [Vec<f32>; 2],
+}
+
+impl Model {
+    /// Reads `path` and checks that it is a model of `role`.
+    pub fn load(path: PathBuf, role: Role) -> Result<Model> {
+        let environment = environment()?;
+        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, e))?;
+        let foreign = |reason: String| Error::network(&path, reason);
+        let session =
+            open(&environment, &bytes).map_err(|e| foreign(format!("onnxruntime refuses it ({e})")))?;
+        let spec = read_spec(&session).map_err(foreign)?;
+        if spec.role != role {
+            return Err(foreign(format!("it is a {} network", spec.role.name())));
+        }
+        check_ports("input", session.inputs(), role.graph_inputs()).map_err(foreign)?;
+        check_ports("output", session.outputs(), role.graph_outputs()).map_err(foreign)?;
+        Ok(Model {
+            spec,
+            path,
+            session,
+            rows: [Vec::new(), Vec::new()],
+        })
+    }
+
+    /// Runs a batch in chunks. `inputs` are structures of arrays in the order of [`Role::graph_inputs`].
+    pub fn run(&mut self, inputs: [&[&[f32]]; 2], outputs: &mut [Output]) -> Result<()> {
+        let ports = self.spec.role.graph_inputs();
+        let count = inputs[0][0].len();
+        for (port, arrays) in ports.iter().zip(inputs) {
+            check_all(count, port.name, arrays.iter().map(|a| a.len()))?;
+        }
+        for (name, arrays) in outputs.iter() {
+            check_all(count, name, arrays.iter().map(|a| a.len()))?;
+        }
+        for start in (0..count).step_by(CHUNK) {
+            self.run_chunk(inputs, outputs, start, CHUNK.min(count - start))?;
+        }
+        Ok(())
+    }
+
+    fn run_chunk(
+        &mut self,
+        inputs: [&[&[f32]]; 2],
+        outputs: &mut [Output],
+        start: usize,
+        count: usize,
+    ) -> Result<()> {
+        let path = &self.path;
+        let failed = |e: ort::Error| {
+            Error::Onnxruntime(format!("{}: onnxruntime could not run it: {e}", path.display()))
+        };
+        for (rows, arrays) in self.rows.iter_mut().zip(inputs) {
+            rows.clear();
+            rows.extend((start..start + count).flat_map(|i| arrays.iter().map(move |a| a[i])));
+        }
+        let ports = self.spec.role.graph_inputs();
+        let [first, second] = &self.rows;
+        let tensor =
+            |port: &Port, rows| TensorRef::from_array_view(([count, port.width], rows)).map_err(failed);
+        let (first, second) = (tensor(&ports[0], &first[..])?, tensor(&ports[1], &second[..])?);
+        let answers = self.session.run(ort::inputs![first, second]).map_err(failed)?;
+        for (name, arrays) in outputs.iter_mut() {
+            let answer = answers
+                .get(*name)
+                .ok_or_else(|| Error::network(path, format!("it has no output `{name}`")))?;
+            let (_, values) = answer.try_extract_tensor::<f32>().map_err(failed)?;
+            let width = arrays.len();
+            if values.len() != count * width {
+                return Err(Error::network(
+                    path,
+                    format!("output `{name}` is not [N, {width}]"),
+                ));
+            }
+            for (c, array) in arrays.iter_mut().enumerate() {
+                let column = values[c..].iter().step_by(width);
+                array[start..start + count]
+                    .iter_mut()
+                    .zip(column)
+                    .for_each(|(to, from)| *to = *from);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn check_all(count: usize, name: &'static str, lengths: impl Iterator<Item = usize>) -> Result<()> {
+    lengths
+        .into_iter()
+        .try_for_each(|length| check_lengths(count, &[(name, length)]))
+}
+
+/// A session that stays on the caller's thread and writes nothing to the terminal.
+fn open(environment: &Environment, bytes: &[u8]) -> ort::Result<Session> {
+    Session::builder(environment)?
+        .with_log_level(LogLevel::Fatal)?
+        .with_optimization_level(GraphOptimizationLevel::All)?
+        .with_intra_threads(1)?
+        .with_inter_threads(1)?
+        .with_intra_op_spinning(false)?
+        .with_inter_op_spinning(false)?
+        .commit_from_memory(bytes)
+}
+
+fn read_spec(session: &Session) -> std::result::Result<NetworkSpec, String> {
+    let metadata = session
+        .metadata()
+        .map_err(|e| format!("its metadata cannot be read ({e})"))?;
+    let json = metadata
+        .custom(SPEC_KEY)
+        .ok_or_else(|| format!("its metadata has no `{SPEC_KEY}`, so another program wrote it"))?;
+    parse_spec(&json)
+}
+
+fn check_ports(kind: &str, found: &[Outlet], expected: &[Port]) -> std::result::Result<(), String> {
+    let matches = |outlet: &Outlet, port: &Port| {
+        let float = matches!(outlet.dtype(), ValueType::Tensor { ty: TensorElementType::Float32, shape, .. }
+            if shape[..] == [-1, port.width as i64]);
+        outlet.name() == port.name && float
+    };
+    if found.len() == expected.len()
+        && found
+            .iter()
+            .zip(expected)
+            .all(|(outlet, port)| matches(outlet, port))
+    {
+        return Ok(());
+    }
+    let wanted: Vec<String> = expected
+        .iter()
+        .map(|port| format!("{} [N, {}]", port.name, port.width))
+        .collect();
+    Err(format!("its {kind}s are not {}", wanted.join(", ")))
+}

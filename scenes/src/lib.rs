@@ -1,0 +1,33 @@
+//! Scene and material files, and the small wavefront path tracer that renders them.
+//!
+//! World: right-handed, y up, lengths without unit; radiance is RGB without unit. Directions in a surface's
+//! shading frame follow `bake-runtime`: `wo` to the camera, `wi` to the light, z = normal.
+//! References in f64 (`bake_runtime::Bsdf`) meet the tracer, which is f32, in [`tracer::shader`] alone.
+#![forbid(unsafe_code)]
+
+pub mod camera;
+pub mod environment;
+pub mod error;
+pub mod exr_file;
+pub mod geometry;
+pub mod image;
+pub mod material_file;
+pub mod metrics;
+pub mod picture;
+pub mod profile;
+pub mod sampler;
+pub mod scene;
+pub mod scene_file;
+pub mod studio;
+mod toml_file;
+pub mod tracer;
+
+pub use camera::Camera;
+pub use environment::Environment;
+pub use error::{Error, Result};
+pub use geometry::Geometry;
+pub use image::Image;
+pub use material_file::load_material;
+pub use scene::{Scene, Surface};
+pub use scene_file::load_scene;
+pub use tracer::{BackendFactory, Estimator, Method, RenderSettings, render};

@@ -1,0 +1,52 @@
+//! Baked materials by name, and the backends that run them.
+
+use crate::arguments::BackendName;
+use anyhow::Result;
+use bake_runtime::native::{NativeBackend, Tier};
+use bake_runtime::onnxruntime::OrtBackend;
+use bake_runtime::{Backend, BakedMaterial};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// The baked materials of a scene.
+pub struct Backends {
+    kind: BackendName,
+    materials: BTreeMap<String, (PathBuf, BakedMaterial)>,
+}
+
+impl Backends {
+    /// Loads the baked folder of every material name in `folders`, and tries the backend once, so that what is
+    /// missing is said before the work begins.
+    pub fn load(kind: BackendName, folders: &BTreeMap<String, PathBuf>) -> Result<Backends> {
+        let mut materials = BTreeMap::new();
+        for (name, folder) in folders {
+            materials.insert(name.clone(), (folder.clone(), BakedMaterial::load(folder)?));
+        }
+        let backends = Backends { kind, materials };
+        for name in folders.keys() {
+            backends.make(name)?;
+        }
+        Ok(backends)
+    }
+
+    /// A backend for the material called `name`.
+    pub fn make(&self, name: &str) -> bake_runtime::Result<Box<dyn Backend>> {
+        let Some((folder, material)) = self.materials.get(name) else {
+            return Err(bake_runtime::Error::network(name, "the material was not loaded"));
+        };
+        match self.kind {
+            BackendName::Native => native(material),
+            BackendName::Ort => ort(folder),
+        }
+    }
+}
+
+/// The native backend at the machine's best tier.
+pub fn native(material: &BakedMaterial) -> bake_runtime::Result<Box<dyn Backend>> {
+    Ok(Box::new(NativeBackend::new(material, Tier::best())?))
+}
+
+/// The onnxruntime backend on the ONNX files in `folder`.
+pub fn ort(folder: &Path) -> bake_runtime::Result<Box<dyn Backend>> {
+    Ok(Box::new(OrtBackend::new(folder)?))
+}

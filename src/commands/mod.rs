@@ -1,0 +1,52 @@
+//! One file per subcommand, and what they share.
+
+pub mod check;
+pub mod converged;
+pub mod export;
+pub mod render;
+pub mod scene;
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// One rendered method, as `--json` prints it.
+#[derive(Clone, Debug, Serialize)]
+pub struct RenderEntry {
+    /// Method.
+    pub method: String,
+    /// Estimator of a baked method.
+    pub estimator: Option<String>,
+    /// Samples per pixel.
+    pub spp: u64,
+    /// Seconds of one image.
+    pub seconds: f64,
+    /// Mean relative squared error against the converged reference.
+    pub relmse: Option<f64>,
+    /// Its systematic part, from several seeds; the converged reference's own noise is in it.
+    pub bias2: Option<f64>,
+    /// Its random part, from several seeds.
+    pub variance: Option<f64>,
+    /// FLIP.
+    pub flip: Option<f64>,
+    /// Path of the picture.
+    pub image: PathBuf,
+    /// Why a value is null.
+    pub nulls: std::collections::BTreeMap<String, String>,
+}
+
+/// Makes sure that files can be written into `folder` before any work begins.
+pub fn prepare_folder(folder: &Path) -> Result<()> {
+    let probe = || -> std::io::Result<()> {
+        std::fs::create_dir_all(folder)?;
+        tempfile::tempfile_in(folder).map(drop)
+    };
+    probe().with_context(|| format!("{}: cannot write there; choose another folder with --out", folder.display()))
+}
+
+/// Writes `value` as JSON, whole or not at all.
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    let mut text = serde_json::to_string_pretty(value)?;
+    text.push('\n');
+    Ok(bake_runtime::network::write_atomically(path, text.as_bytes())?)
+}

@@ -1,0 +1,47 @@
+//! The command line of `bake`: one file per subcommand, no mathematics.
+#![forbid(unsafe_code)]
+
+mod arguments;
+mod backends;
+mod commands;
+mod interrupt;
+mod machine;
+mod output;
+mod progress;
+
+use arguments::{Arguments, Command};
+use clap::Parser;
+use std::process::ExitCode;
+
+/// candle allocates a tensor per operation; the system's allocator costs it a third of its speed.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// Exit status of bad input and of everything else that stopped the work.
+const FAILED: u8 = 2;
+/// Exit status after Ctrl-C, as shells have it.
+const INTERRUPTED: u8 = 130;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    match run(arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            output::complain(&format!("{error:#}"));
+            ExitCode::from(if interrupt::requested() { INTERRUPTED } else { FAILED })
+        }
+    }
+}
+
+fn run(arguments: Arguments) -> anyhow::Result<()> {
+    interrupt::listen()?;
+    if let Some(threads) = arguments.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global()?;
+    }
+    match arguments.command {
+        Command::Scene(options) => commands::scene::run(&options),
+        Command::Check(options) => commands::check::run(&options),
+        Command::Export(options) => commands::export::run(&options),
+        Command::Render(options) => commands::render::run(&options),
+    }
+}

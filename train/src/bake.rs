@@ -1,0 +1,147 @@
+//! The bake of one material: frames, maps, and the three networks, with presets for how much work to spend.
+
+
+use crate::error::Result;
+use crate::maps::{self, MappedSlice};
+use crate::nn::frame::FrameNetwork;
+use crate::training::data::TrainingSet;
+use crate::training::trainer::Plan;
+use crate::training::{density, sample};
+use bake_runtime::{BakedMaterial, Material, Network, NetworkSpec, Role};
+use std::path::Path;
+use std::time::Instant;
+
+/// How much work a bake spends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effort {
+    /// Number of slices.
+    pub slices: usize,
+    /// Steps of the frame, sampling, evaluation and pdf networks.
+    pub steps: [u64; 4],
+    /// Samples per step.
+    pub batch: usize,
+}
+
+impl Effort {
+    /// The shipped models.
+    pub const FULL: Effort = Effort { slices: 768, steps: [4000, 16_000, 8000, 4000], batch: 4096 };
+    /// A first look in a minute.
+    pub const QUICK: Effort = Effort { slices: 128, steps: [1500, 2000, 1000, 500], batch: 4096 };
+}
+
+/// Hidden widths of the warp preset when only `wo` is free: sampling, evaluation, pdf and frame network.
+pub const SAMPLE_HIDDEN: [usize; 4] = [32; 4];
+/// See [`SAMPLE_HIDDEN`].
+pub const EVAL_HIDDEN: [usize; 3] = [32; 3];
+/// See [`SAMPLE_HIDDEN`].
+pub const PDF_HIDDEN: [usize; 3] = [24; 3];
+/// See [`SAMPLE_HIDDEN`].
+pub const FRAME_HIDDEN: [usize; 2] = [16; 2];
+
+/// Peak learning rates of the frame network, and of the other three.
+const FRAME_RATE: f64 = 1e-2;
+const RATE: f64 = 4e-3;
+
+/// A stage of the bake, for progress.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Lobe frames are fitted and their network is trained.
+    Frames,
+    /// Slices and importance maps.
+    Maps,
+    /// The sampling network.
+    Sample,
+    /// The evaluation network.
+    Eval,
+    /// The pdf network.
+    Pdf,
+}
+
+impl Stage {
+    /// Words for a progress bar.
+    pub fn label(self) -> &'static str {
+        match self {
+            Stage::Frames => "lobe frames",
+            Stage::Maps => "importance maps",
+            Stage::Sample => "sampling network",
+            Stage::Eval => "evaluation network",
+            Stage::Pdf => "pdf network",
+        }
+    }
+}
+
+/// A baked material with what it cost.
+#[derive(Clone, Debug)]
+pub struct Bake {
+    /// The three networks.
+    pub material: BakedMaterial,
+    /// Seconds for slices, frames and maps in this run (resumed work is not counted again).
+    pub maps_seconds: f64,
+    /// Seconds for the three networks in this run.
+    pub train_seconds: f64,
+    /// Training samples drawn, over all networks.
+    pub samples: u64,
+    /// Slices whose transport fell back to the marginal map, of all: θ_o ≤ 75°, 75–85°, above.
+    pub fallbacks: [(usize, usize); 3],
+}
+
+/// Bakes `material`, keeping checkpoints in `work` and taking up what lies there.
+///
+/// `progress` hears (stage, done, total); breaking ends the bake with [`crate::Error::Interrupted`] after a
+/// checkpoint. The networks depend on `material`, `effort` and `seed` alone, not on the number of threads.
+///
+/// # Errors
+/// See [`crate::Error`].
+pub fn bake(
+    material: &Material,
+    effort: Effort,
+    seed: u64,
+    work: &Path,
+    progress: &(dyn Fn(Stage, u64, u64) -> std::ops::ControlFlow<()> + Sync),
+) -> Result<Bake> {
+    let bsdf = material.reference()?;
+    let spec = |role: Role, hidden: &[usize]| {
+        NetworkSpec::warp(role, material.clone(), bsdf.alpha, hidden.to_vec(), FRAME_HIDDEN.to_vec())
+    };
+    let specs =
+        [spec(Role::Sample, &SAMPLE_HIDDEN), spec(Role::Eval, &EVAL_HIDDEN), spec(Role::Pdf, &PDF_HIDDEN)];
+    let context = format!("{material:?} {effort:?}");
+    let [frame_steps, sample_steps, eval_steps, pdf_steps] = effort.steps;
+    let plan = |stage: &'static str, steps: u64, rate: f64| Plan { stage, steps, batch: effort.batch, rate, seed };
+
+    let started = Instant::now();
+    let tick = |stage: Stage| move |done: u64, total: u64| progress(stage, done, total);
+    let directions = maps::draw_directions(effort.slices);
+    let fitted = maps::fit_frames(&bsdf, &directions, &tick(Stage::Frames))?;
+    let frame_plan = Plan { batch: effort.batch / 4, ..plan("frame", frame_steps, FRAME_RATE) };
+    let frames = FrameNetwork::train(&specs[0], frame_plan, &directions, &fitted, work, &tick(Stage::Frames))?;
+    let slices: Vec<MappedSlice> = maps::compute(&bsdf, &frames, &directions, work, &tick(Stage::Maps))?;
+    let maps_seconds = started.elapsed().as_secs_f64();
+
+    let started = Instant::now();
+    let set = TrainingSet::new(&slices);
+    let sampler =
+        sample::train(&specs[0], plan("sample", sample_steps, RATE), &set, work, &context, &tick(Stage::Sample))?;
+    let eval =
+        density::train_eval(&specs[1], plan("eval", eval_steps, RATE), &set, work, &context, &tick(Stage::Eval))?;
+    let pdf_plan = plan("pdf", pdf_steps, RATE);
+    let pdf = density::train_pdf(&specs[2], pdf_plan, &set, &sampler, work, &context, &tick(Stage::Pdf))?;
+    let train_seconds = started.elapsed().as_secs_f64();
+
+    let [sample_spec, eval_spec, pdf_spec] = specs;
+    let network = |spec: NetworkSpec, mlp: crate::nn::mlp::Mlp| -> Result<Network> {
+        Ok(Network { spec, frame: frames.layers.clone(), net: mlp.to_dense()? })
+    };
+    Ok(Bake {
+        material: BakedMaterial {
+            sample: network(sample_spec, sampler)?,
+            eval: network(eval_spec, eval)?,
+            pdf: network(pdf_spec, pdf)?,
+        },
+        maps_seconds,
+        train_seconds,
+        samples: (sample_steps + eval_steps + pdf_steps) * effort.batch as u64,
+        fallbacks: maps::fallbacks(&slices),
+    })
+}
+

@@ -1,0 +1,376 @@
+//! The errors of a baked material over the held-out directions, as the definitions of [`StratumErrors`] say.
+
+use super::bins::{Bins, SIDE, l1};
+use super::heldout;
+use super::truth::Truth;
+use super::{Bias, Spread, StratumErrors};
+use crate::Tick;
+use crate::error::{Error, Result};
+use crate::slice::{LUMINANCE, r2};
+use bake_runtime::backend::Backend;
+use bake_runtime::conductor::Conductor;
+use bake_runtime::frame::Frame;
+use bake_runtime::{Bsdf, Rng};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// R2 points behind the binning and the learned estimator.
+pub const BINNING_POINTS: u64 = 1 << 20;
+/// Random points behind the exact estimators and the χ² test.
+const EXACT_POINTS: usize = 1 << 18;
+/// Points in the frame's square behind the errors of the evaluation and pdf networks.
+const EVAL_POINTS: usize = 1 << 12;
+/// Midpoints per side of a bin when the pdf network is integrated.
+const PDF_SUB: usize = 4;
+/// Bins that expect fewer samples are left out of χ², as its distribution asks.
+const CHI2_MIN_EXPECTED: f64 = 5.0;
+/// Queries per call.
+const BATCH: usize = 4096;
+/// Independent blocks behind the standard error of a mean over R2 points.
+const BLOCKS: usize = 16;
+/// Key of the random points.
+const KEY: u64 = 0xca2d;
+
+/// Makes a backend; every worker thread gets its own.
+pub type BackendFactory<'a> = &'a (dyn Fn() -> bake_runtime::Result<Box<dyn Backend>> + Sync);
+
+/// Everything measured at one direction.
+struct Measured {
+    binning_l1: f64,
+    binning_floor: f64,
+    /// (bias, standard error) RGB of the three estimators.
+    bias: [(DVec3, DVec3); 3],
+    relvar: f64,
+    weight_max: f64,
+    fold: f64,
+    coverage_loss: f64,
+    chi2_effect: f64,
+    eval_rel_l1: f64,
+    eval_smape: f64,
+    pdf_integral: f64,
+    pdf_log_l1: f64,
+}
+
+/// Measures all strata.
+///
+/// # Errors
+/// [`Error::Interrupted`] when `tick` breaks; whatever the backend reports.
+pub fn errors(bsdf: &Conductor, backend: BackendFactory, tick: Tick) -> Result<BTreeMap<String, StratumErrors>> {
+    let strata = heldout::strata();
+    let all: Vec<(&String, u64, DVec3)> = strata
+        .iter()
+        .flat_map(|(name, wos)| wos.iter().enumerate().map(move |(i, wo)| (name, i as u64, *wo)))
+        .collect();
+    let done = AtomicU64::new(0);
+    let measured: Result<Vec<Measured>> = all
+        .par_iter()
+        .map(|&(name, i, wo)| {
+            let key = name.bytes().fold(i, |h, b| h.wrapping_mul(31).wrapping_add(u64::from(b)));
+            let result = measure(bsdf, wo, backend()?.as_mut(), key)?;
+            let count = done.fetch_add(1, Ordering::Relaxed) + 1;
+            if tick(count, all.len() as u64).is_break() { Err(Error::Interrupted) } else { Ok(result) }
+        })
+        .collect();
+    let measured = measured?;
+    let of = |name: &str| -> Vec<&Measured> {
+        all.iter().zip(&measured).filter(|((n, ..), _)| n.as_str() == name).map(|(_, m)| m).collect()
+    };
+    Ok(strata.keys().map(|name| (name.clone(), summarise(&of(name)))).collect())
+}
+
+fn summarise(rows: &[&Measured]) -> StratumErrors {
+    let n = rows.len() as f64;
+    let mean = |f: &dyn Fn(&Measured) -> f64| rows.iter().map(|m| f(m)).sum::<f64>() / n;
+    let max = |f: &dyn Fn(&Measured) -> f64| rows.iter().map(|m| f(m)).fold(0.0, f64::max);
+    let spread = |f: &dyn Fn(&Measured) -> f64| Spread { mean: mean(f), worst: max(f) };
+    let bias = |e: usize| {
+        let mean_rgb = [0, 1, 2].map(|c: usize| mean(&|m| m.bias[e].0[c]));
+        let se = [0, 1, 2].map(|c: usize| rows.iter().map(|m| m.bias[e].1[c].powi(2)).sum::<f64>().sqrt() / n);
+        let all = rows.iter().flat_map(|m| m.bias[e].0.to_array());
+        Bias {
+            mean: mean_rgb.iter().sum::<f64>() / 3.0,
+            worst: all.fold(0.0, |w: f64, b| if b.abs() > w.abs() { b } else { w }),
+            // Channels share their samples, so their errors add up rather than average out.
+            se: se.iter().sum::<f64>() / 3.0,
+            mean_rgb,
+        }
+    };
+    let farthest = rows.iter().map(|m| m.pdf_integral).fold(1.0, |w: f64, p| if (p - 1.0).abs() > (w - 1.0).abs() { p } else { w });
+    StratumErrors {
+        binning_l1: spread(&|m| m.binning_l1),
+        binning_floor: mean(&|m| m.binning_floor),
+        albedo_bias_learned: bias(0),
+        albedo_bias_exact: bias(1),
+        albedo_bias_exact_baked: bias(2),
+        weight_relvar_exact: spread(&|m| m.relvar),
+        weight_max_exact: max(&|m| m.weight_max),
+        fold_fraction: mean(&|m| m.fold),
+        coverage_loss: mean(&|m| m.coverage_loss),
+        chi2_effect: spread(&|m| m.chi2_effect),
+        eval_rel_l1: spread(&|m| m.eval_rel_l1),
+        eval_smape: mean(&|m| m.eval_smape),
+        pdf_integral: Spread { mean: mean(&|m| m.pdf_integral), worst: farthest },
+        pdf_log_l1: mean(&|m| m.pdf_log_l1),
+    }
+}
+
+/// Running mean and variance of RGB weights.
+#[derive(Clone, Copy, Default)]
+struct Moments {
+    count: f64,
+    sum: DVec3,
+    square: DVec3,
+}
+
+impl Moments {
+    fn add(&mut self, value: DVec3) {
+        self.count += 1.0;
+        self.sum += value;
+        self.square += value * value;
+    }
+
+    fn mean(&self) -> DVec3 {
+        self.sum / self.count
+    }
+
+    /// Standard error of the mean.
+    fn se(&self) -> DVec3 {
+        let mean = self.mean();
+        let variance = (self.square / self.count - mean * mean).max(DVec3::ZERO) / (self.count - 1.0);
+        DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt())
+    }
+
+    /// Bias against `albedo` with the standard error of both.
+    fn bias(&self, truth: &Truth) -> (DVec3, DVec3) {
+        let se = self.se();
+        let total = DVec3::from_array([0, 1, 2].map(|c: usize| se[c].hypot(truth.albedo_se[c])));
+        (self.mean() / truth.albedo - DVec3::ONE, total / truth.albedo)
+    }
+}
+
+/// Reusable structure-of-arrays buffers of one batch.
+struct Buffers {
+    wo: [Vec<f32>; 3],
+    u: [Vec<f32>; 2],
+    wi: [Vec<f32>; 3],
+    rgb: [Vec<f32>; 3],
+    scalar: Vec<f32>,
+}
+
+impl Buffers {
+    fn new(wo: DVec3) -> Buffers {
+        let zeros = || vec![0.0; BATCH];
+        Buffers {
+            wo: wo.to_array().map(|c| vec![c as f32; BATCH]),
+            u: [zeros(), zeros()],
+            wi: [zeros(), zeros(), zeros()],
+            rgb: [zeros(), zeros(), zeros()],
+            scalar: zeros(),
+        }
+    }
+
+    fn set_u(&mut self, i: usize, u: [f64; 2]) {
+        // The largest f32 below 1: rounding must not leave [0, 1).
+        let bound = |v: f64| (v as f32).min(1.0 - f32::EPSILON / 2.0);
+        self.u[0][i] = bound(u[0]);
+        self.u[1][i] = bound(u[1]);
+    }
+
+    fn wi(&self, i: usize) -> DVec3 {
+        DVec3::new(self.wi[0][i].into(), self.wi[1][i].into(), self.wi[2][i].into())
+    }
+
+    fn rgb(&self, i: usize) -> DVec3 {
+        DVec3::new(self.rgb[0][i].into(), self.rgb[1][i].into(), self.rgb[2][i].into())
+    }
+
+    fn sample_learned(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+        let [x, y, z] = &mut self.wi;
+        let [r, g, b] = &mut self.rgb;
+        backend.sample_learned(views(&self.wo), views(&self.u), [x, y, z], [r, g, b])
+    }
+
+    fn sample_jacobian(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+        let [x, y, z] = &mut self.wi;
+        backend.sample_jacobian(views(&self.wo), views(&self.u), [x, y, z], &mut self.scalar)
+    }
+
+    fn eval(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+        let [r, g, b] = &mut self.rgb;
+        backend.eval(views(&self.wo), views(&self.wi), [r, g, b])
+    }
+
+    fn pdf(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+        backend.pdf(views(&self.wo), views(&self.wi), &mut self.scalar)
+    }
+}
+
+fn views<const N: usize>(columns: &[Vec<f32>; N]) -> [&[f32]; N] {
+    columns.each_ref().map(|c| c.as_slice())
+}
+
+fn measure(bsdf: &Conductor, wo: DVec3, backend: &mut dyn Backend, key: u64) -> Result<Measured> {
+    let truth = Truth::new(bsdf, wo);
+    let mut buffers = Buffers::new(wo);
+    let (binning_l1, coverage_loss, learned) = learned_estimator(&truth, backend, &mut buffers)?;
+    let exact = exact_estimators(bsdf, &truth, backend, &mut buffers, key)?;
+    let (eval_rel_l1, eval_smape, pdf_integral) = densities(bsdf, &truth, backend, &mut buffers)?;
+    Ok(Measured {
+        binning_l1,
+        binning_floor: truth.binning_floor(BINNING_POINTS),
+        bias: [learned, exact.bias, exact.bias_baked],
+        relvar: exact.relvar,
+        weight_max: exact.weight_max,
+        fold: exact.fold,
+        coverage_loss,
+        chi2_effect: exact.chi2_effect,
+        eval_rel_l1,
+        eval_smape,
+        pdf_integral,
+        pdf_log_l1: exact.pdf_log_l1,
+    })
+}
+
+/// Binning L1, share of energy in bins without a sample, and the bias of the learned weights.
+fn learned_estimator(truth: &Truth, backend: &mut dyn Backend, buffers: &mut Buffers) -> Result<(f64, f64, (DVec3, DVec3))> {
+    let mut counts = vec![0u64; SIDE * SIDE];
+    // Every block of consecutive R2 points is itself of low discrepancy: the spread of their means gives the error.
+    let mut blocks = Moments::default();
+    let calls = BINNING_POINTS as usize / BATCH;
+    let mut block = Moments::default();
+    for call in 0..calls {
+        for i in 0..BATCH {
+            buffers.set_u(i, r2((call * BATCH + i) as u64));
+        }
+        buffers.sample_learned(backend)?;
+        for i in 0..BATCH {
+            counts[truth.bins.index(buffers.wi(i))] += 1;
+            block.add(buffers.rgb(i));
+        }
+        if (call + 1) % (calls / BLOCKS) == 0 {
+            blocks.add(block.mean());
+            block = Moments::default();
+        }
+    }
+    let total = truth.mass.iter().sum::<f64>();
+    let lost = counts.iter().zip(&truth.mass).filter(|(c, _)| **c == 0).map(|(_, m)| m / total).sum();
+    Ok((l1(&counts, &truth.mass), lost, blocks.bias(truth)))
+}
+
+struct Exact {
+    bias: (DVec3, DVec3),
+    bias_baked: (DVec3, DVec3),
+    relvar: f64,
+    weight_max: f64,
+    fold: f64,
+    chi2_effect: f64,
+    pdf_log_l1: f64,
+}
+
+fn exact_estimators(
+    bsdf: &Conductor,
+    truth: &Truth,
+    backend: &mut dyn Backend,
+    buffers: &mut Buffers,
+    key: u64,
+) -> Result<Exact> {
+    let mut rng = Rng::new(&[KEY, key]);
+    let (mut exact, mut baked, mut luminance) = (Moments::default(), Moments::default(), Moments::default());
+    let mut counts = vec![0u64; SIDE * SIDE];
+    let (mut folds, mut weight_max, mut log_l1) = (0u64, 0.0f64, 0.0);
+    for call in 0..EXACT_POINTS / BATCH {
+        for i in 0..BATCH {
+            let u = rng.pair();
+            buffers.set_u(i, u);
+        }
+        buffers.sample_jacobian(backend)?;
+        let jacobian = buffers.scalar.clone();
+        buffers.eval(backend)?;
+        buffers.pdf(backend)?;
+        for (i, &jacobian) in jacobian.iter().enumerate() {
+            let jacobian = f64::from(jacobian);
+            let wi = buffers.wi(i);
+            counts[truth.bins.index(wi)] += 1;
+            folds += u64::from(jacobian < 0.0);
+            let mut walk = Rng::new(&[KEY, key, call as u64, i as u64]);
+            let weight = bsdf.eval(truth.wo, wi, &mut walk) * jacobian;
+            exact.add(weight);
+            luminance.add(DVec3::splat(weight.dot(LUMINANCE)));
+            weight_max = weight_max.max(weight.dot(LUMINANCE));
+            baked.add(buffers.rgb(i) * jacobian);
+            let density = 1.0 / jacobian.abs().max(f64::MIN_POSITIVE);
+            log_l1 += (f64::from(buffers.scalar[i]).ln_1p() - density.ln_1p()).abs();
+        }
+    }
+    let mean = luminance.mean().x;
+    Ok(Exact {
+        bias: exact.bias(truth),
+        bias_baked: baked.bias(truth),
+        relvar: (luminance.square.x / luminance.count - mean * mean) / (mean * mean),
+        weight_max,
+        fold: folds as f64 / EXACT_POINTS as f64,
+        chi2_effect: chi2_effect(truth.wo, &truth.bins, &counts, backend)?,
+        pdf_log_l1: log_l1 / EXACT_POINTS as f64,
+    })
+}
+
+/// sqrt(max(0, χ² − dof) / (N·mass)) of `counts` against the pdf network.
+fn chi2_effect(wo: DVec3, bins: &Bins, counts: &[u64], backend: &mut dyn Backend) -> Result<f64> {
+    let nodes: Vec<(usize, DVec3, f64)> = bins.nodes(PDF_SUB).collect();
+    let mut mass = vec![0.0; SIDE * SIDE];
+    let mut buffers = Buffers::new(wo);
+    for chunk in nodes.chunks(BATCH) {
+        for (i, (_, wi, _)) in chunk.iter().enumerate() {
+            for c in 0..3 {
+                buffers.wi[c][i] = wi[c] as f32;
+            }
+        }
+        buffers.pdf(backend)?;
+        for ((bin, _, solid_angle), pdf) in chunk.iter().zip(&buffers.scalar) {
+            mass[*bin] += f64::from(*pdf) * solid_angle;
+        }
+    }
+    let n = counts.iter().sum::<u64>() as f64;
+    let (mut chi2, mut dof, mut covered) = (0.0, 0.0, 0.0);
+    for (count, mass) in counts.iter().zip(&mass) {
+        let expected = n * mass;
+        if expected >= CHI2_MIN_EXPECTED {
+            chi2 += (*count as f64 - expected).powi(2) / expected;
+            dof += 1.0;
+            covered += mass;
+        }
+    }
+    Ok(((chi2 - dof).max(0.0) / (n * covered)).sqrt())
+}
+
+/// Relative L1 and SMAPE of the evaluation network, and the integral of the pdf network, over the square of the
+/// reference's frame.
+fn densities(bsdf: &Conductor, truth: &Truth, backend: &mut dyn Backend, buffers: &mut Buffers) -> Result<(f64, f64, f64)> {
+    let frame: &Frame = &truth.frame;
+    let (mut error, mut energy, mut smape, mut integral) = (0.0, 0.0, 0.0, 0.0);
+    for call in 0..EVAL_POINTS / BATCH {
+        let mut measures = Vec::with_capacity(BATCH);
+        for i in 0..BATCH {
+            let s = r2((call * BATCH + i) as u64);
+            let (w, jacobian_cos) = frame.square_to_direction(s, [1.0 - s[0], 1.0 - s[1]]);
+            for c in 0..3 {
+                buffers.wi[c][i] = w[c] as f32;
+            }
+            measures.push(jacobian_cos / w[2]);
+        }
+        buffers.eval(backend)?;
+        buffers.pdf(backend)?;
+        for (i, measure) in measures.iter().enumerate() {
+            let f = truth.f_cos(bsdf, buffers.wi(i));
+            let difference = (buffers.rgb(i) - f).abs();
+            error += difference.element_sum() * measure;
+            energy += f.element_sum() * measure;
+            let both = (buffers.rgb(i) + f).max(DVec3::splat(f64::MIN_POSITIVE));
+            smape += (difference / both).element_sum() / 3.0;
+            integral += f64::from(buffers.scalar[i]) * measure;
+        }
+    }
+    Ok((error / energy, smape / EVAL_POINTS as f64, integral / EVAL_POINTS as f64))
+}

@@ -1,0 +1,20 @@
+//! Slices, importance maps, networks and their training, and model cards. The only crate that knows candle.
+#![forbid(unsafe_code)]
+
+pub mod bake;
+pub mod card;
+pub mod database;
+pub mod error;
+pub mod maps;
+pub mod nn;
+pub mod optimiser;
+pub mod slice;
+pub mod spline;
+pub mod training;
+pub mod transport;
+
+pub use error::{Error, Result};
+
+/// Called with (done, total) as work goes on; breaking stops the work, which then ends with
+/// [`Error::Interrupted`] and leaves what it can resume from.
+pub type Tick<'a> = &'a (dyn Fn(u64, u64) -> std::ops::ControlFlow<()> + Sync);

@@ -1,0 +1,140 @@
+//! Slices: the reference BSDF over all `wi` for one `wo`, as densities on the square of a lobe frame.
+//!
+//! The analytic single scattering is evaluated where it is asked for. Multiple scattering is stochastic; its
+//! noise is removed without a filter on the image: the vertices of many walks are kept, and every direction
+//! is connected to *all* of them. That is the model's own next-event estimator, hence unbiased, and its error
+//! is common to all directions, so the slice is as smooth as the phase function that spreads it. The only
+//! smoothing is the interpolation of its logarithm on [`SCATTER_CELLS`]² cells.
+
+use crate::error::{Error, Result};
+use crate::spline::{Spline, cell_centre};
+use bake_runtime::conductor::{Conductor, Vertex};
+use bake_runtime::frame::Frame;
+use bake_runtime::{Bsdf, Rng};
+use glam::DVec3;
+
+/// Luminance of linear Rec. 709 RGB: what the maps are made for.
+pub const LUMINANCE: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
+
+/// Cells per side of the grid that multiple scattering is tabulated on.
+pub const SCATTER_CELLS: usize = 24;
+
+/// Walks per slice; about one in ten reaches a second bounce at alpha 0.3 × 0.1.
+pub const WALKS: usize = 1 << 14;
+
+/// A density below this share of the slice's mean counts as this share: logarithms stay finite.
+const DENSITY_FLOOR: f64 = 1e-7;
+
+/// Key of the walks: every slice uses the same numbers, so that their noise varies smoothly with `wo`.
+const WALK_KEY: u64 = 0x51_1ce;
+
+/// Logarithms of f_cos·dω/ds on the square of `frame`, RGB, at the cell centres of a grid.
+#[derive(Clone, Debug)]
+pub struct SliceTable {
+    /// Cells per side.
+    pub cells: usize,
+    /// ln of the density per unit square, one plane per channel; its mean over the square is the albedo.
+    pub log_density: [Vec<f32>; 3],
+}
+
+/// `wi` and f_cos ↦ density factor at position `s` of the frame's square.
+fn direction_at(frame: &Frame, s: [f64; 2]) -> (DVec3, f64) {
+    let (w, jacobian_cos) = frame.square_to_direction(s, [1.0 - s[0], 1.0 - s[1]]);
+    (DVec3::from_array(w), jacobian_cos / w[2])
+}
+
+/// Points of the R2 sequence (Roberts 2018): low discrepancy, no tables.
+pub fn r2(index: u64) -> [f64; 2] {
+    /// The plastic number, the root of x³ = x + 1.
+    const PLASTIC: f64 = 1.324_717_957_244_746;
+    let at = |a: f64| (0.5 + (index + 1) as f64 * a).fract();
+    [at(1.0 / PLASTIC), at(1.0 / (PLASTIC * PLASTIC))]
+}
+
+/// The vertices of order ≥ 2 of `walks` walks from `wo`, keyed by `key`.
+pub fn scatter_vertices(bsdf: &Conductor, wo: DVec3, walks: usize, key: u64) -> Vec<Vertex> {
+    let mut vertices = Vec::new();
+    let shift = Rng::new(&[WALK_KEY, key]).pair();
+    for i in 0..walks as u64 {
+        let u = r2(i);
+        let u = [(u[0] + shift[0]).fract(), (u[1] + shift[1]).fract()];
+        bsdf.walk(wo, u, &mut Rng::new(&[WALK_KEY, key, i]), |v| vertices.push(*v));
+    }
+    vertices
+}
+
+/// Multiple scattering f_cos at `wi` from the vertices of `walks` walks.
+pub fn scattered(bsdf: &Conductor, vertices: &[Vertex], walks: usize, wi: DVec3) -> DVec3 {
+    vertices.iter().map(|v| bsdf.connect(v, wi)).sum::<DVec3>() / walks as f64
+}
+
+impl SliceTable {
+    /// Tabulates the slice of `bsdf` at `wo` on `cells`² cells of `frame`'s square.
+    ///
+    /// # Errors
+    /// [`Error::Slice`] when the slice has no energy or is not finite.
+    pub fn tabulate(bsdf: &Conductor, wo: DVec3, frame: &Frame, cells: usize) -> Result<SliceTable> {
+        let vertices = scatter_vertices(bsdf, wo, WALKS, 0);
+        let coarse: Vec<DVec3> = (0..SCATTER_CELLS * SCATTER_CELLS)
+            .map(|k| {
+                let (wi, area) = direction_at(frame, cell_centre(k, SCATTER_CELLS));
+                scattered(bsdf, &vertices, WALKS, wi) * area
+            })
+            .collect();
+        let floor = DVec3::splat(f64::MIN_POSITIVE.sqrt());
+        let logs = |c: usize| coarse.iter().map(|v| v.max(floor)[c].ln()).collect::<Vec<_>>();
+        let splines = [0, 1, 2].map(|c| Spline::new(&logs(c), SCATTER_CELLS));
+        let density: Vec<DVec3> = (0..cells * cells)
+            .map(|k| {
+                let s = cell_centre(k, cells);
+                let (wi, area) = direction_at(frame, s);
+                bsdf.single(wo, wi) * area + DVec3::from_array([0, 1, 2].map(|c: usize| splines[c].at(s).0.exp()))
+            })
+            .collect();
+        let mean = density.iter().sum::<DVec3>() / density.len() as f64;
+        if !(mean.is_finite() && mean.dot(LUMINANCE) > 0.0) {
+            let reason = if mean.is_finite() { "it reflects nothing, so there is nothing to sample" } else { "it is not finite" };
+            return Err(Error::Slice {
+                theta_deg: wo.z.clamp(-1.0, 1.0).acos().to_degrees(),
+                phi_deg: wo.y.atan2(wo.x).to_degrees(),
+                reason: reason.into(),
+            });
+        }
+        let floor = DENSITY_FLOOR * mean.dot(LUMINANCE);
+        let log_density = [0, 1, 2].map(|c| density.iter().map(|v| v[c].max(floor).ln() as f32).collect());
+        Ok(SliceTable { cells, log_density })
+    }
+
+    /// The table's albedo, RGB.
+    pub fn albedo(&self) -> DVec3 {
+        let mean = |plane: &[f32]| plane.iter().map(|v| f64::from(*v).exp()).sum::<f64>() / plane.len() as f64;
+        DVec3::new(mean(&self.log_density[0]), mean(&self.log_density[1]), mean(&self.log_density[2]))
+    }
+
+    /// Luminance density at every cell, mean 1.
+    pub fn luminance(&self) -> Vec<f64> {
+        let mean = self.albedo().dot(LUMINANCE);
+        (0..self.cells * self.cells)
+            .map(|k| (0..3).map(|c| LUMINANCE[c] * f64::from(self.log_density[c][k]).exp()).sum::<f64>() / mean)
+            .collect()
+    }
+}
+
+/// Luminance of the analytic single scattering: what frames are fitted to.
+pub fn single_luminance(bsdf: &Conductor, wo: DVec3, wi: [f64; 3]) -> f64 {
+    bsdf.single(wo, DVec3::from_array(wi)).dot(LUMINANCE)
+}
+
+/// Stochastic f_cos averaged over `samples` evaluations: the slow oracle of a slice.
+pub fn oracle_f_cos(bsdf: &impl Bsdf, wo: DVec3, wi: DVec3, samples: u64, key: u64) -> (DVec3, DVec3) {
+    let (mut sum, mut square) = (DVec3::ZERO, DVec3::ZERO);
+    for i in 0..samples {
+        let value = bsdf.eval(wo, wi, &mut Rng::new(&[WALK_KEY, key, i]));
+        sum += value;
+        square += value * value;
+    }
+    let n = samples as f64;
+    let mean = sum / n;
+    let variance = (square / n - mean * mean).max(DVec3::ZERO) / (n - 1.0).max(1.0);
+    (mean, DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt()))
+}
