@@ -1,10 +1,10 @@
 //! Baked materials by name, and the backends that run them.
 
 use crate::arguments::BackendName;
-use anyhow::Result;
+use anyhow::{Result, bail};
 use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::onnxruntime::OrtBackend;
-use bake_runtime::{Backend, BakedMaterial};
+use bake_runtime::{Backend, BakedMaterial, Role};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -21,6 +21,17 @@ impl Backends {
         let mut materials = BTreeMap::new();
         for (name, folder) in folders {
             materials.insert(name.clone(), (folder.clone(), BakedMaterial::load(folder)?));
+            let models = Role::ALL.map(|role| folder.join(role.name()).with_extension("onnx"));
+            if let Some(missing) = models
+                .iter()
+                .find(|file| kind == BackendName::Ort && !file.exists())
+            {
+                bail!(
+                    "{}: there is no such file; write it with `bake export {}`",
+                    missing.display(),
+                    folder.display()
+                );
+            }
         }
         let backends = Backends { kind, materials };
         for name in folders.keys() {

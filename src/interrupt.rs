@@ -25,5 +25,9 @@ pub fn requested() -> bool {
 
 /// What a tick should return.
 pub fn flow() -> ControlFlow<()> {
-    if requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    if requested() {
+        ControlFlow::Break(())
+    } else {
+        ControlFlow::Continue(())
+    }
 }

@@ -3,6 +3,7 @@
 
 mod arguments;
 mod backends;
+mod candle_environment;
 mod commands;
 mod interrupt;
 mod machine;
@@ -27,16 +28,40 @@ fn main() -> ExitCode {
     match run(arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            output::complain(&format!("{error:#}"));
-            ExitCode::from(if interrupt::requested() { INTERRUPTED } else { FAILED })
+            output::complain(&sentence(&error));
+            ExitCode::from(if interrupt::requested() {
+                INTERRUPTED
+            } else {
+                FAILED
+            })
         }
     }
 }
 
+/// The error and its causes in one line; a cause that the text already gives is not said twice.
+fn sentence(error: &anyhow::Error) -> String {
+    let text = error
+        .chain()
+        .map(|cause| cause.to_string())
+        .reduce(|text, cause| match text.contains(&cause) {
+            true => text,
+            false => format!("{text}: {cause}"),
+        });
+    text.unwrap_or_default()
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
 fn run(arguments: Arguments) -> anyhow::Result<()> {
+    if matches!(arguments.command, Command::Scene(_)) {
+        candle_environment::settle();
+    }
     interrupt::listen()?;
     if let Some(threads) = arguments.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global()?;
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.get())
+            .build_global()?;
     }
     match arguments.command {
         Command::Scene(options) => commands::scene::run(&options),

@@ -21,7 +21,9 @@ struct Stage {
 impl Stages {
     /// No stage yet.
     pub fn new() -> Stages {
-        Stages { current: Mutex::new(None) }
+        Stages {
+            current: Mutex::new(None),
+        }
     }
 
     /// Reports (done, total) of the stage called `label`, starting it if it is not the current one; tells the
@@ -31,7 +33,11 @@ impl Stages {
         let other = current.as_ref().is_none_or(|s| s.label != label);
         if other {
             finish(current.take());
-            *current = Some(Stage { label: label.to_string(), started: Instant::now(), bar: bar(label, total) });
+            *current = Some(Stage {
+                label: label.to_string(),
+                started: Instant::now(),
+                bar: bar(label, total),
+            });
         }
         if let Some(stage) = current.as_ref() {
             if stage.bar.length() != Some(total) {
@@ -60,13 +66,19 @@ impl Drop for Stages {
 fn bar(label: &str, total: u64) -> ProgressBar {
     let template = "{msg:<28} {bar:32} {percent:>3}%  {elapsed_precise} elapsed, {eta_precise} left";
     let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(total).with_style(style).with_message(label.to_string())
+    ProgressBar::new(total)
+        .with_style(style)
+        .with_message(label.to_string())
 }
 
 fn finish(stage: Option<Stage>) {
     let Some(stage) = stage else { return };
     stage.bar.finish_and_clear();
     if std::io::stderr().is_terminal() || !interrupt::requested() {
-        eprintln!("{:<28} {:.1} s", stage.label, stage.started.elapsed().as_secs_f64());
+        eprintln!(
+            "{:<28} {:.1} s",
+            stage.label,
+            stage.started.elapsed().as_secs_f64()
+        );
     }
 }

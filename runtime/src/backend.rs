@@ -26,15 +26,25 @@ impl BakedMaterial {
             let path = folder.join(role.name()).with_extension("safetensors");
             let network = Network::load(&path)?;
             if network.spec.role != role {
-                return Err(Error::network(path, format!("it is a {} network", network.spec.role.name())));
+                return Err(Error::network(
+                    path,
+                    format!("it is a {} network", network.spec.role.name()),
+                ));
             }
             Ok(network)
         };
-        let baked = BakedMaterial { sample: load(Role::Sample)?, eval: load(Role::Eval)?, pdf: load(Role::Pdf)? };
+        let baked = BakedMaterial {
+            sample: load(Role::Sample)?,
+            eval: load(Role::Eval)?,
+            pdf: load(Role::Pdf)?,
+        };
         for other in [&baked.eval, &baked.pdf] {
             if other.spec.material != baked.sample.spec.material {
                 let path = folder.join(other.spec.role.name()).with_extension("safetensors");
-                return Err(Error::network(path, "it was baked from another material than sample.safetensors"));
+                return Err(Error::network(
+                    path,
+                    "it was baked from another material than sample.safetensors",
+                ));
             }
         }
         Ok(baked)
@@ -46,7 +56,11 @@ impl BakedMaterial {
     /// [`Error::Io`] naming the file.
     pub fn save(&self, folder: &Path) -> Result<()> {
         for network in [&self.sample, &self.eval, &self.pdf] {
-            network.save(&folder.join(network.spec.role.name()).with_extension("safetensors"))?;
+            network.save(
+                &folder
+                    .join(network.spec.role.name())
+                    .with_extension("safetensors"),
+            )?;
         }
         Ok(())
     }
@@ -94,7 +108,11 @@ pub trait Backend: Send {
 /// [`Error::BatchLength`] naming the first that has not.
 pub fn check_lengths(expected: usize, slices: &[(&'static str, usize)]) -> Result<()> {
     match slices.iter().find(|(_, found)| *found != expected) {
-        Some(&(name, found)) => Err(Error::BatchLength { name, expected, found }),
+        Some(&(name, found)) => Err(Error::BatchLength {
+            name,
+            expected,
+            found,
+        }),
         None => Ok(()),
     }
 }

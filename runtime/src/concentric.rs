@@ -23,7 +23,11 @@ pub fn square_to_hemisphere(s: [f64; 2], complement: [f64; 2]) -> [f64; 3] {
         (b, if b == 0.0 { 0.0 } else { a / b }, s[1].min(complement[1]))
     };
     let (sin, cos) = (FRAC_PI_4 * ratio).sin_cos();
-    let (x, y) = if first { (r * cos, r * sin) } else { (r * sin, r * cos) };
+    let (x, y) = if first {
+        (r * cos, r * sin)
+    } else {
+        (r * sin, r * cos)
+    };
     // |r| = 1 − 2·edge, so 1 − r² = 4·edge·(1 − edge).
     [x, y, (4.0 * edge * (1.0 - edge)).max(0.0).sqrt()]
 }
@@ -36,9 +40,19 @@ pub fn disk_to_square(x: f64, y: f64) -> [f64; 2] {
         (a, a * (y / x).atan() / FRAC_PI_4)
     } else {
         let b = r.copysign(y);
-        (if y == 0.0 { 0.0 } else { b * (x / y).atan() / FRAC_PI_4 }, b)
+        (
+            if y == 0.0 {
+                0.0
+            } else {
+                b * (x / y).atan() / FRAC_PI_4
+            },
+            b,
+        )
     };
-    [(0.5 * (a + 1.0)).clamp(0.0, 1.0), (0.5 * (b + 1.0)).clamp(0.0, 1.0)]
+    [
+        (0.5 * (a + 1.0)).clamp(0.0, 1.0),
+        (0.5 * (b + 1.0)).clamp(0.0, 1.0),
+    ]
 }
 
 #[cfg(test)]

@@ -69,5 +69,13 @@ pub const GRAZING_LOG_OFFSET: f64 = 0.01;
 /// pays one square root and one logarithm. `w`: unit, z ≥ 0. Every feature lies in [−1.4, 1.1].
 pub fn grazing(w: [f64; 3]) -> [f64; GRAZING_FEATURES] {
     let [x, y, z] = w;
-    [x, y, z, z.sqrt(), 1.0 + 0.5 * (z + GRAZING_LOG_OFFSET).ln(), x * x - y * y, 2.0 * x * y]
+    [
+        x,
+        y,
+        z,
+        z.sqrt(),
+        1.0 + 0.5 * (z + GRAZING_LOG_OFFSET).ln(),
+        x * x - y * y,
+        2.0 * x * y,
+    ]
 }

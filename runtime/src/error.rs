@@ -22,7 +22,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A network file is truncated, of another program, or contradicts its own specification.
-    #[error("{path}: not a network this program can run: {reason}")]
+    #[error("{path}: not a network this program can run: {reason}; bake the material again")]
     Network {
         /// The file.
         path: PathBuf,
@@ -53,16 +53,25 @@ pub type Result<T> = std::result::Result<T, Error>;
 impl Error {
     /// An [`Error::Io`] for `path`.
     pub fn io(path: impl Into<PathBuf>, source: std::io::Error) -> Self {
-        Error::Io { path: path.into(), source }
+        Error::Io {
+            path: path.into(),
+            source,
+        }
     }
 
     /// An [`Error::Parameter`] for `name`.
     pub fn parameter(name: impl Into<String>, reason: impl Into<String>) -> Self {
-        Error::Parameter { name: name.into(), reason: reason.into() }
+        Error::Parameter {
+            name: name.into(),
+            reason: reason.into(),
+        }
     }
 
     /// An [`Error::Network`] for `path`.
     pub fn network(path: impl Into<PathBuf>, reason: impl Into<String>) -> Self {
-        Error::Network { path: path.into(), reason: reason.into() }
+        Error::Network {
+            path: path.into(),
+            reason: reason.into(),
+        }
     }
 }

@@ -41,13 +41,23 @@ pub fn mirror_anchor(wo: [f64; 3], alpha: [f64; 2]) -> [f64; 2] {
 
 impl Frame {
     /// The identity: local directions are directions.
-    pub const IDENTITY: Frame = Frame { x: 1.0, y: 1.0, shear: 0.0, b: [0.0, 0.0] };
+    pub const IDENTITY: Frame = Frame {
+        x: 1.0,
+        y: 1.0,
+        shear: 0.0,
+        b: [0.0, 0.0],
+    };
 
     /// The frame of a frame network's `outputs` around `anchor`: b = anchor + A·δ.
     pub fn from_outputs(outputs: [f64; FRAME_OUTPUTS], anchor: [f64; 2]) -> Frame {
         let [log_x, log_y, shear, dx, dy] = outputs.map(|v| v.clamp(-FRAME_OUTPUT_MAX, FRAME_OUTPUT_MAX));
         let (x, y) = (log_x.exp(), log_y.exp());
-        Frame { x, y, shear, b: [anchor[0] + x * dx, anchor[1] + y * (shear * dx + dy)] }
+        Frame {
+            x,
+            y,
+            shear,
+            b: [anchor[0] + x * dx, anchor[1] + y * (shear * dx + dy)],
+        }
     }
 
     /// The outputs a frame network should give for this frame: the inverse of [`Frame::from_outputs`].
@@ -65,7 +75,11 @@ impl Frame {
     /// Unit direction of the local direction `local`, and dω/dω_local.
     pub fn to_direction(&self, local: [f64; 3]) -> ([f64; 3], f64) {
         let [x, y, z] = local;
-        let v = [self.x * x + self.b[0] * z, self.y * (self.shear * x + y) + self.b[1] * z, z];
+        let v = [
+            self.x * x + self.b[0] * z,
+            self.y * (self.shear * x + y) + self.b[1] * z,
+            z,
+        ];
         let n = (v[0] * v[0] + v[1] * v[1] + z * z).sqrt();
         ([v[0] / n, v[1] / n, z / n], self.det() / (n * n * n))
     }
@@ -80,14 +94,21 @@ impl Frame {
         let py = (w[1] - self.b[1] * z) / self.y - self.shear * px;
         let m2 = px * px + py * py + z * z;
         let m = m2.sqrt();
-        ([px / m, py / m, z / m], z.max(0.0) / (DISK_AREA * self.det() * m2 * m2))
+        (
+            [px / m, py / m, z / m],
+            z.max(0.0) / (DISK_AREA * self.det() * m2 * m2),
+        )
     }
 
     /// Direction at position `s` of the frame's square, with dω·cos θ / ds (that is π·det A/n⁴, finite
     /// everywhere) and cos θ = z of the direction. `complement` = 1 − `s`.
     pub fn square_to_direction(&self, s: [f64; 2], complement: [f64; 2]) -> ([f64; 3], f64) {
         let [x, y, z] = square_to_hemisphere(s, complement);
-        let v = [self.x * x + self.b[0] * z, self.y * (self.shear * x + y) + self.b[1] * z, z];
+        let v = [
+            self.x * x + self.b[0] * z,
+            self.y * (self.shear * x + y) + self.b[1] * z,
+            z,
+        ];
         let n2 = v[0] * v[0] + v[1] * v[1] + z * z;
         let n = n2.sqrt();
         ([v[0] / n, v[1] / n, z / n], DISK_AREA * self.det() / (n2 * n2))
@@ -112,7 +133,10 @@ mod tests {
 
     fn random_frame(rng: &mut Rng) -> Frame {
         let mut centred = || 2.0 * rng.uniform() - 1.0;
-        Frame::from_outputs([1.5 * centred(), 1.5 * centred(), centred(), centred(), centred()], [-2.0, 0.5])
+        Frame::from_outputs(
+            [1.5 * centred(), 1.5 * centred(), centred(), centred(), centred()],
+            [-2.0, 0.5],
+        )
     }
 
     #[test]
@@ -121,7 +145,10 @@ mod tests {
         for _ in 0..2000 {
             let frame = random_frame(&mut rng);
             let again = Frame::from_outputs(frame.to_outputs([-2.0, 0.5]), [-2.0, 0.5]);
-            assert!((again.b[1] - frame.b[1]).abs() < ROUND_TRIP_TOL && (again.y - frame.y).abs() < ROUND_TRIP_TOL);
+            assert!(
+                (again.b[1] - frame.b[1]).abs() < ROUND_TRIP_TOL
+                    && (again.y - frame.y).abs() < ROUND_TRIP_TOL
+            );
             let s = rng.pair();
             let (w, jacobian_cos) = frame.square_to_direction(s, [1.0 - s[0], 1.0 - s[1]]);
             let back = frame.direction_to_square(w);
@@ -131,7 +158,9 @@ mod tests {
             assert!((forth[0] - w[0]).abs() < ROUND_TRIP_TOL);
             // The square is uniform under the frame's own density: density · dω/ds = 1.
             assert!((density * jacobian_cos / w[2] - 1.0).abs() < ROUND_TRIP_TOL * 1e3);
-            assert!((density * jacobian * std::f64::consts::PI / local[2] - 1.0).abs() < ROUND_TRIP_TOL * 1e3);
+            assert!(
+                (density * jacobian * std::f64::consts::PI / local[2] - 1.0).abs() < ROUND_TRIP_TOL * 1e3
+            );
         }
     }
 

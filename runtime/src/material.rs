@@ -80,7 +80,10 @@ impl Material {
             )),
         };
         Conductor::new(
-            [fixed("alpha[0]".into(), &self.alpha[0])?, fixed("alpha[1]".into(), &self.alpha[1])?],
+            [
+                fixed("alpha[0]".into(), &self.alpha[0])?,
+                fixed("alpha[1]".into(), &self.alpha[1])?,
+            ],
             [
                 fixed("reflectance[0]".into(), &self.reflectance[0])?,
                 fixed("reflectance[1]".into(), &self.reflectance[1])?,
@@ -96,7 +99,10 @@ impl Scalar {
             if (lowest..=highest).contains(&value) {
                 Ok(())
             } else {
-                Err(Error::parameter(name, format!("is {value}, but must lie in {lowest}..{highest}")))
+                Err(Error::parameter(
+                    name,
+                    format!("is {value}, but must lie in {lowest}..{highest}"),
+                ))
             }
         };
         match *self {
@@ -105,7 +111,10 @@ impl Scalar {
                 inside(min)?;
                 inside(max)?;
                 if min > max {
-                    return Err(Error::parameter(name, format!("range has min {min} > max {max}; swap them")));
+                    return Err(Error::parameter(
+                        name,
+                        format!("range has min {min} > max {max}; swap them"),
+                    ));
                 }
                 Ok(())
             }

@@ -62,12 +62,23 @@ impl Network {
         let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
         for (prefix, layers) in [("frame", &self.frame), ("net", &self.net)] {
             for (i, layer) in layers.iter().enumerate() {
-                tensors.push((format!("{prefix}.{i}.weight"), vec![layer.outputs, layer.inputs], bytes_of(&layer.weight)));
-                tensors.push((format!("{prefix}.{i}.bias"), vec![layer.outputs], bytes_of(&layer.bias)));
+                tensors.push((
+                    format!("{prefix}.{i}.weight"),
+                    vec![layer.outputs, layer.inputs],
+                    bytes_of(&layer.weight),
+                ));
+                tensors.push((
+                    format!("{prefix}.{i}.bias"),
+                    vec![layer.outputs],
+                    bytes_of(&layer.bias),
+                ));
             }
         }
         let views = tensors.iter().map(|(name, shape, data)| {
-            (name.as_str(), TensorView::new(Dtype::F32, shape.clone(), data).expect("shape matches data by construction"))
+            (
+                name.as_str(),
+                TensorView::new(Dtype::F32, shape.clone(), data).expect("shape matches data by construction"),
+            )
         });
         let json = serde_json::to_string(&self.spec).expect("a specification is plain data");
         let metadata = HashMap::from([(SPEC_KEY.to_string(), json)]);
@@ -76,7 +87,8 @@ impl Network {
 
     /// Parses a safetensors file; the error is the reason alone, for the caller to name the file.
     pub fn from_bytes(bytes: &[u8]) -> std::result::Result<Network, String> {
-        let file = SafeTensors::deserialize(bytes).map_err(|e| format!("not a whole safetensors file ({e})"))?;
+        let file =
+            SafeTensors::deserialize(bytes).map_err(|e| format!("not a whole safetensors file ({e})"))?;
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
         let json = header
             .metadata()
@@ -91,7 +103,12 @@ impl Network {
                 .map(|(i, (inputs, outputs))| {
                     let weight = read_tensor(&file, &format!("{prefix}.{i}.weight"), &[outputs, inputs])?;
                     let bias = read_tensor(&file, &format!("{prefix}.{i}.bias"), &[outputs])?;
-                    Ok(Dense { weight, bias, inputs, outputs })
+                    Ok(Dense {
+                        weight,
+                        bias,
+                        inputs,
+                        outputs,
+                    })
                 })
                 .collect()
         };
@@ -103,31 +120,53 @@ impl Network {
 
 /// Parses and checks a specification, from safetensors or ONNX metadata.
 pub fn parse_spec(json: &str) -> std::result::Result<NetworkSpec, String> {
-    let version: serde_json::Value = serde_json::from_str(json).map_err(|e| format!("its specification is not JSON ({e})"))?;
+    let version: serde_json::Value =
+        serde_json::from_str(json).map_err(|e| format!("its specification is not JSON ({e})"))?;
     let format = version.get("format").and_then(serde_json::Value::as_u64);
     if format != Some(u64::from(FORMAT)) {
         let found = format.map_or("none".to_string(), |f| f.to_string());
-        return Err(format!("its format version is {found}, this program reads {FORMAT}; bake the material again"));
+        return Err(format!(
+            "its format version is {found}, this program reads {FORMAT}"
+        ));
     }
-    let spec: NetworkSpec = serde_json::from_value(version).map_err(|e| format!("its specification is incomplete ({e})"))?;
+    let spec: NetworkSpec =
+        serde_json::from_value(version).map_err(|e| format!("its specification is incomplete ({e})"))?;
     let widths = spec.hidden.iter().chain(&spec.frame.hidden);
-    if spec.hidden.len().max(spec.frame.hidden.len()) > DEPTH_MAX || widths.clone().any(|w| !(1..=WIDTH_MAX).contains(w)) {
-        return Err(format!("its layers are not 1..{WIDTH_MAX} wide and at most {DEPTH_MAX} deep"));
+    if spec.hidden.len().max(spec.frame.hidden.len()) > DEPTH_MAX
+        || widths.clone().any(|w| !(1..=WIDTH_MAX).contains(w))
+    {
+        return Err(format!(
+            "its layers are not 1..{WIDTH_MAX} wide and at most {DEPTH_MAX} deep"
+        ));
     }
     if let Some(input) = spec.inputs.iter().find(|input| !input.fits(spec.role)) {
-        return Err(format!("a {} network cannot take {:?} as {:?}", spec.role.name(), input.quantity, input.encoding));
+        return Err(format!(
+            "a {} network cannot take {:?} as {:?}",
+            spec.role.name(),
+            input.quantity,
+            input.encoding
+        ));
     }
     spec.material.validate().map_err(|e| e.to_string())?;
     Ok(spec)
 }
 
 fn read_tensor(file: &SafeTensors, name: &str, shape: &[usize]) -> std::result::Result<Vec<f32>, String> {
-    let view = file.tensor(name).map_err(|_| format!("tensor `{name}` is missing"))?;
+    let view = file
+        .tensor(name)
+        .map_err(|_| format!("tensor `{name}` is missing"))?;
     if view.dtype() != Dtype::F32 || view.shape() != shape {
-        return Err(format!("tensor `{name}` is {:?} {:?}, expected F32 {shape:?}", view.dtype(), view.shape()));
+        return Err(format!(
+            "tensor `{name}` is {:?} {:?}, expected F32 {shape:?}",
+            view.dtype(),
+            view.shape()
+        ));
     }
-    let values: Vec<f32> =
-        view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let values: Vec<f32> = view
+        .data()
+        .chunks_exact(4)
+        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        .collect();
     match values.iter().all(|v| v.is_finite()) {
         true => Ok(values),
         false => Err(format!("tensor `{name}` holds values that are not finite")),
@@ -143,10 +182,18 @@ fn bytes_of(values: &[f32]) -> Vec<u8> {
 /// # Errors
 /// [`Error::Io`] naming `path`.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = path
+        .parent()
+        .filter(|p| !p.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     let write = || -> std::io::Result<()> {
         std::fs::create_dir_all(folder)?;
-        let mut file = tempfile::Builder::new().prefix(".bake-").suffix(".tmp").tempfile_in(folder)?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".bake-").suffix(".tmp");
+        // Temporary files are private; this one becomes an ordinary file, which the umask rules.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut file = builder.tempfile_in(folder)?;
         file.write_all(bytes)?;
         file.as_file().sync_all()?;
         file.persist(path).map_err(|e| e.error)?;

@@ -38,11 +38,21 @@ pub fn fold(symmetry: Symmetry, wo: [f64; 3]) -> ([f64; 3], [f64; 2]) {
 
 /// The lobe frame that `network` predicts for a folded `wo`.
 pub fn frame_of(network: &Network, wo: [f64; 3]) -> Frame {
-    predict_frame(&network.frame, network.spec.activation, network.spec.frame.anchor_alpha, wo)
+    predict_frame(
+        &network.frame,
+        network.spec.activation,
+        network.spec.frame.anchor_alpha,
+        wo,
+    )
 }
 
 /// The lobe frame that the layers of a frame network predict for a folded `wo`.
-pub fn predict_frame(layers: &[Dense], activation: Activation, anchor_alpha: [f64; 2], wo: [f64; 3]) -> Frame {
+pub fn predict_frame(
+    layers: &[Dense],
+    activation: Activation,
+    anchor_alpha: [f64; 2],
+    wo: [f64; 3],
+) -> Frame {
     let mut features = Vec::new();
     Encoding::Grazing.append(&wo, &mut features);
     let outputs = forward(layers, activation, &[features]);
@@ -104,11 +114,18 @@ pub fn density(network: &Network, wo: [f64; 3], wi: [f64; 3]) -> Vec<f64> {
     let (local, frame_density) = frame_of(network, wo).to_local(wi);
     let mut features = Vec::new();
     for input in &network.spec.inputs {
-        let values = if input.quantity == Quantity::Local { local } else { wo };
+        let values = if input.quantity == Quantity::Local {
+            local
+        } else {
+            wo
+        };
         input.encoding.append(&values, &mut features);
     }
     let out = forward(&network.net, network.spec.activation, &[features]);
-    out[0].iter().map(|v| frame_density * v.clamp(-EXPONENT_MAX, EXPONENT_MAX).exp()).collect()
+    out[0]
+        .iter()
+        .map(|v| frame_density * v.clamp(-EXPONENT_MAX, EXPONENT_MAX).exp())
+        .collect()
 }
 
 /// Layers on a value and its tangents: `columns[0]` is the value, the rest are directional derivatives.
@@ -118,7 +135,12 @@ fn forward(layers: &[Dense], activation: Activation, columns: &[Vec<f64>]) -> Ve
         let mut next: Vec<Vec<f64>> = Vec::new();
         for (c, column) in columns.iter().enumerate() {
             let rows = layer.weight.chunks_exact(layer.inputs);
-            let dot = rows.map(|row| row.iter().zip(column).map(|(&w, x)| f64::from(w) * x).sum::<f64>());
+            let dot = rows.map(|row| {
+                row.iter()
+                    .zip(column)
+                    .map(|(&w, x)| f64::from(w) * x)
+                    .sum::<f64>()
+            });
             next.push(match c {
                 0 => dot.zip(&layer.bias).map(|(v, &b)| v + f64::from(b)).collect(),
                 _ => dot.collect(),

@@ -22,7 +22,9 @@ fn mix(mut z: u64) -> u64 {
 impl Rng {
     /// The stream that belongs to `key`, e.g. `&[seed, slice, sample]`; different keys give unrelated streams.
     pub fn new(key: &[u64]) -> Self {
-        let state = key.iter().fold(GOLDEN_GAMMA, |h, &k| mix(h ^ mix(k.wrapping_add(GOLDEN_GAMMA))).wrapping_add(GOLDEN_GAMMA));
+        let state = key.iter().fold(GOLDEN_GAMMA, |h, &k| {
+            mix(h ^ mix(k.wrapping_add(GOLDEN_GAMMA))).wrapping_add(GOLDEN_GAMMA)
+        });
         Rng { state }
     }
 

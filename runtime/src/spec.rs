@@ -190,11 +190,26 @@ pub struct NetworkSpec {
 
 impl NetworkSpec {
     /// The warp preset of `role` for `material`.
-    pub fn warp(role: Role, material: Material, anchor_alpha: [f64; 2], hidden: Vec<usize>, frame_hidden: Vec<usize>) -> Self {
-        let wo = Input { quantity: Quantity::Wo, encoding: Encoding::Grazing };
+    pub fn warp(
+        role: Role,
+        material: Material,
+        anchor_alpha: [f64; 2],
+        hidden: Vec<usize>,
+        frame_hidden: Vec<usize>,
+    ) -> Self {
+        let wo = Input {
+            quantity: Quantity::Wo,
+            encoding: Encoding::Grazing,
+        };
         let first = match role {
-            Role::Sample => Input { quantity: Quantity::U, encoding: Encoding::Centred },
-            Role::Eval | Role::Pdf => Input { quantity: Quantity::Local, encoding: Encoding::Identity },
+            Role::Sample => Input {
+                quantity: Quantity::U,
+                encoding: Encoding::Centred,
+            },
+            Role::Eval | Role::Pdf => Input {
+                quantity: Quantity::Local,
+                encoding: Encoding::Identity,
+            },
         };
         NetworkSpec {
             format: FORMAT,
@@ -204,13 +219,19 @@ impl NetworkSpec {
             inputs: vec![first, wo],
             hidden,
             activation: Activation::Silu,
-            frame: FrameSpec { hidden: frame_hidden, anchor_alpha },
+            frame: FrameSpec {
+                hidden: frame_hidden,
+                anchor_alpha,
+            },
         }
     }
 
     /// Number of features that enter the first layer.
     pub fn input_features(&self) -> usize {
-        self.inputs.iter().map(|i| i.encoding.features(i.quantity.scalars())).sum()
+        self.inputs
+            .iter()
+            .map(|i| i.encoding.features(i.quantity.scalars()))
+            .sum()
     }
 
     /// (inputs, outputs) of each layer of the network.
@@ -225,12 +246,20 @@ impl NetworkSpec {
 
     /// Multiply-adds of one query without tangents, frame network included.
     pub fn macs(&self) -> usize {
-        self.layers().iter().chain(&self.frame_layers()).map(|(i, o)| i * o).sum()
+        self.layers()
+            .iter()
+            .chain(&self.frame_layers())
+            .map(|(i, o)| i * o)
+            .sum()
     }
 
     /// Number of weights and biases, frame network included.
     pub fn parameters(&self) -> usize {
-        self.layers().iter().chain(&self.frame_layers()).map(|(i, o)| (i + 1) * o).sum()
+        self.layers()
+            .iter()
+            .chain(&self.frame_layers())
+            .map(|(i, o)| (i + 1) * o)
+            .sum()
     }
 }
 

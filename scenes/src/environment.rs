@@ -119,7 +119,10 @@ impl Environment {
     /// Column and row of `direction`, with fractions, from the top left corner of the map.
     fn position(&self, direction: Vec3) -> [f64; 2] {
         let polar = f64::from(direction.y.clamp(-1.0, 1.0)).acos() / PI;
-        let azimuth = f64::from(direction.x).atan2(f64::from(direction.z)).rem_euclid(TAU) / TAU;
+        let azimuth = f64::from(direction.x)
+            .atan2(f64::from(direction.z))
+            .rem_euclid(TAU)
+            / TAU;
         [azimuth * self.width as f64, polar * self.height as f64]
     }
 

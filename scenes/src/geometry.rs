@@ -322,7 +322,10 @@ mod tests {
         mesh.add_disk(Vec3::new(0.0, 0.5, 0.0), 2.0, 1);
         let disk = Geometry::new(mesh);
         let hit = disk.intersect(Vec3::new(1.0, 3.0, 1.0), Vec3::NEG_Y).unwrap();
-        assert!((hit.position - Vec3::new(1.0, 0.5, 1.0)).length() < 1e-6, "roundings of numbers of order 1");
+        assert!(
+            (hit.position - Vec3::new(1.0, 0.5, 1.0)).length() < 1e-6,
+            "roundings of numbers of order 1"
+        );
         assert_eq!((hit.normal, hit.surface), (Vec3::Y, 1));
         assert!(disk.intersect(Vec3::new(2.0, 3.0, 1.0), Vec3::NEG_Y).is_none());
         assert!(Geometry::new(Mesh::default()).unoccluded(Vec3::ZERO, Vec3::Y));

@@ -6,7 +6,6 @@ use crate::error::{Error, Result};
 use crate::exr_file;
 use crate::geometry::{Geometry, Grain, Mesh};
 use crate::material_file::load_material;
-use crate::sampler::DEPTH_MAX;
 use crate::scene::{Scene, Surface};
 use crate::studio::{self, Sky, Softbox};
 use crate::toml_file;
@@ -14,8 +13,11 @@ use glam::{Vec2, Vec3};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Largest width and height of a picture: four times 4K, where film memory reaches a gigabyte.
-const PIXELS_MAX: usize = 8192;
+/// Largest width and height of a picture, where the arrays of an image take 0.9 GB.
+const PIXELS_MAX: usize = 4096;
+
+/// Longest paths: past this even white surfaces have let nearly all light go.
+const DEPTH_MAX: usize = 64;
 
 /// Largest number of sectors or steps of a surface of revolution: two million triangles a span.
 const TESSELLATION_MAX: usize = 1024;

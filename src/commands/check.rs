@@ -1,5 +1,6 @@
 //! `bake check`: the model card, measured afresh.
 
+use super::load_model;
 use crate::arguments::CheckOptions;
 use crate::progress::Stages;
 use crate::{backends, output};
@@ -25,11 +26,19 @@ pub struct Provenance {
 
 /// Runs the command.
 pub fn run(options: &CheckOptions) -> Result<()> {
-    let material = BakedMaterial::load(&options.model)?;
+    let material = load_model(&options.model)?;
     let old = read_card(&options.model.join(CARD_FILE))?;
     let provenance = match &old {
-        Some(card) => Provenance { seed: card.seed, command: card.command.clone(), training: card.training },
-        None => Provenance { seed: 0, command: String::new(), training: None },
+        Some(card) => Provenance {
+            seed: card.seed,
+            command: card.command.clone(),
+            training: card.training,
+        },
+        None => Provenance {
+            seed: 0,
+            command: String::new(),
+            training: None,
+        },
     };
     let card = measure(&material, &options.model, provenance, &Stages::new())?;
     if options.json {
@@ -44,26 +53,45 @@ fn read_card(path: &Path) -> Result<Option<Card>> {
         return Ok(None);
     }
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    let card = serde_json::from_str(&text).with_context(|| format!("{}: not a model card", path.display()))?;
+    let card = serde_json::from_str(&text).with_context(|| {
+        format!(
+            "{}: not a model card of this version; delete it, or bake the material again",
+            path.display()
+        )
+    })?;
     Ok(Some(card))
 }
 
 /// Measures the card of `material`, whose ONNX files lie in `folder`.
-pub fn measure(material: &BakedMaterial, folder: &Path, provenance: Provenance, stages: &Stages) -> Result<Card> {
+pub fn measure(
+    material: &BakedMaterial,
+    folder: &Path,
+    provenance: Provenance,
+    stages: &Stages,
+) -> Result<Card> {
     let native = || backends::native(material);
     let ort = || backends::ort(folder);
     let mut nulls = BTreeMap::new();
     let has_ort = match ort() {
         Ok(_) => true,
         Err(error) => {
-            output::warn(&format!("parity with onnxruntime and ort_sample_ns stay null: {error}"));
-            for key in ["parity.ort_vs_native_max", "parity.ort_vs_f64_max", "cost.ort_sample_ns"] {
+            output::warn(&format!(
+                "parity with onnxruntime and ort_sample_ns stay null: {error}"
+            ));
+            for key in [
+                "parity.ort_vs_native_max",
+                "parity.ort_vs_f64_max",
+                "cost.ort_sample_ns",
+            ] {
                 nulls.insert(key.to_string(), error.to_string());
             }
             false
         }
     };
-    nulls.insert("cost.percent_of_fma_peak".into(), "the machine's peak is not measured by this version".into());
+    nulls.insert(
+        "cost.percent_of_fma_peak".into(),
+        "the machine's peak is not measured by this version".into(),
+    );
     if provenance.training.is_none() {
         nulls.insert("training".into(), "there was no card that recorded it".into());
     }
@@ -85,7 +113,10 @@ pub fn measure(material: &BakedMaterial, folder: &Path, provenance: Provenance, 
         domain: spec.material.clone(),
         seed: provenance.seed,
         command: provenance.command,
-        networks: networks.iter().map(|n| (n.spec.role.name().to_string(), Size::of(n))).collect(),
+        networks: networks
+            .iter()
+            .map(|n| (n.spec.role.name().to_string(), Size::of(n)))
+            .collect(),
         training: provenance.training,
         errors,
         parity,
@@ -96,13 +127,21 @@ pub fn measure(material: &BakedMaterial, folder: &Path, provenance: Provenance, 
 
 /// Prints the errors and costs of `card`, beside those of `old`.
 pub fn print(card: &Card, old: Option<&Card>) {
-    output::line(&format!("{} ({}, {} preset)", card.material, card.family, card.preset));
-    output::line(&format!("{:<34}{:>13}{:>13}{:>13}", "", "θ ≤ 75°", "75–85°", "85–89°"));
+    output::line(&format!(
+        "{} ({}, {} preset)",
+        card.material, card.family, card.preset
+    ));
+    output::line(&format!(
+        "{:<34}{:>13}{:>13}{:>13}",
+        "", "θ ≤ 75°", "75–85°", "85–89°"
+    ));
     let strata = ["theta_0_75", "theta_75_85", "theta_85_89"];
     let row = |name: &str, value: &dyn Fn(&card::StratumErrors) -> f64| {
         let cells = |card: &Card| strata.map(|s| card.errors.get(s).map_or(f64::NAN, value));
         let text = cells(card).map(|v| format!("{v:>13.2e}")).concat();
-        let before = old.map_or(String::new(), |o| format!("   card:{}", cells(o).map(|v| format!("{v:>10.2e}")).concat()));
+        let before = old.map_or(String::new(), |o| {
+            format!("   card:{}", cells(o).map(|v| format!("{v:>10.2e}")).concat())
+        });
         output::line(&format!("{name:<34}{text}{before}"));
     };
     row("binning L1, mean", &|e| e.binning_l1.mean);
@@ -132,12 +171,14 @@ pub fn print(card: &Card, old: Option<&Card>) {
         c.pdf_ns,
         c.reference_sample_ns,
         c.reference_eval_ns,
-        c.ort_sample_ns.map_or(String::new(), |ns| format!("; onnxruntime, learned {ns:.0}")),
+        c.ort_sample_ns
+            .map_or(String::new(), |ns| format!("; onnxruntime, learned {ns:.0}")),
     ));
     let p = &card.parity;
     output::line(&format!(
         "largest difference: native to f64 {:.1e}{}",
         p.native_vs_f64_max,
-        p.ort_vs_native_max.map_or(String::new(), |v| format!(", onnxruntime to native {v:.1e}"))
+        p.ort_vs_native_max
+            .map_or(String::new(), |v| format!(", onnxruntime to native {v:.1e}"))
     ));
 }

@@ -6,7 +6,9 @@ pub mod export;
 pub mod render;
 pub mod scene;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use bake_runtime::BakedMaterial;
+use bake_scenes::{Scene, load_scene};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -35,13 +37,62 @@ pub struct RenderEntry {
     pub nulls: std::collections::BTreeMap<String, String>,
 }
 
+/// Reads the scene at `path`, a folder with scene.toml or that file, and makes sure that every material has a
+/// reference model.
+pub fn load(path: &Path) -> Result<Scene> {
+    let file = scene_file(path);
+    if !file.is_file() {
+        bail!(
+            "{}: there is no such file; give a folder with scene.toml",
+            file.display()
+        );
+    }
+    let scene = load_scene(path)?;
+    for material in scene.materials() {
+        let file = materials_folder(path).join(&material.name).with_extension("toml");
+        material.reference().with_context(|| file.display().to_string())?;
+    }
+    Ok(scene)
+}
+
+/// The file of the scene at `path`.
+pub fn scene_file(path: &Path) -> PathBuf {
+    if path.is_dir() {
+        path.join("scene.toml")
+    } else {
+        path.to_path_buf()
+    }
+}
+
+/// Where the material files of the scene at `path` are, and the baked folders that ship with them.
+pub fn materials_folder(path: &Path) -> PathBuf {
+    scene_file(path).with_file_name("..").join("materials")
+}
+
+/// Reads the baked material in `folder`.
+pub fn load_model(folder: &Path) -> Result<BakedMaterial> {
+    let file = folder.join("sample.safetensors");
+    if !file.is_file() {
+        bail!(
+            "{}: there is no such file; give a folder that `bake scene` wrote",
+            file.display()
+        );
+    }
+    Ok(BakedMaterial::load(folder)?)
+}
+
 /// Makes sure that files can be written into `folder` before any work begins.
 pub fn prepare_folder(folder: &Path) -> Result<()> {
     let probe = || -> std::io::Result<()> {
         std::fs::create_dir_all(folder)?;
         tempfile::tempfile_in(folder).map(drop)
     };
-    probe().with_context(|| format!("{}: cannot write there; choose another folder with --out", folder.display()))
+    probe().with_context(|| {
+        format!(
+            "{}: cannot write there; choose another folder with --out",
+            folder.display()
+        )
+    })
 }
 
 /// Writes `value` as JSON, whole or not at all.

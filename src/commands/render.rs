@@ -1,14 +1,14 @@
 //! `bake render`: one scene, one method.
 
 use super::converged::converged;
-use super::{RenderEntry, prepare_folder};
+use super::{RenderEntry, load, materials_folder, prepare_folder};
 use crate::arguments::{BackendName, EstimatorName, MethodName, RenderOptions};
 use crate::backends::Backends;
 use crate::output;
 use crate::progress::Stages;
 use anyhow::{Result, bail};
 use bake_scenes::metrics::{error_split, relmse};
-use bake_scenes::{Estimator, Image, Method, RenderSettings, Scene, exr_file, load_scene, picture};
+use bake_scenes::{Estimator, Image, Method, RenderSettings, Scene, exr_file, picture};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -43,24 +43,42 @@ pub fn label(method: Method) -> String {
 
 /// Runs the command.
 pub fn run(options: &RenderOptions) -> Result<()> {
-    let scene = load_scene(&options.scene)?;
+    let scene = load(&options.scene)?;
     let home = PathBuf::from("out").join(&scene.name);
     let method = method_of(options.method, options.estimator);
-    let exr = options.out.clone().unwrap_or_else(|| home.join(label(method)).with_extension("exr"));
+    let exr = options
+        .out
+        .clone()
+        .unwrap_or_else(|| home.join(label(method)).with_extension("exr"));
     if exr.extension().is_none_or(|e| e != "exr") {
-        bail!("{}: --out must name an .exr file; the PNG goes beside it", exr.display());
+        bail!(
+            "{}: --out must name an .exr file; the PNG goes beside it",
+            exr.display()
+        );
     }
-    prepare_folder(exr.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
     let folders = match method {
         Method::Baked(_) => model_folders(&scene, &options.scene, options.models.as_deref(), &home)?,
         _ => BTreeMap::new(),
     };
     let backends = Backends::load(options.backend, &folders)?;
+    prepare_folder(
+        exr.parent()
+            .filter(|p| !p.as_os_str().is_empty())
+            .unwrap_or(Path::new(".")),
+    )?;
     let stages = Stages::new();
     let started = Instant::now();
     let image = match options.seconds {
         Some(seconds) => render_for(&scene, method, options.seed, seconds, &backends, &stages)?,
-        None => pass(&scene, method, options.spp.unwrap_or(DEFAULT_SPP), 0, options.seed, &backends, &stages)?,
+        None => pass(
+            &scene,
+            method,
+            options.spp.unwrap_or(DEFAULT_SPP),
+            0,
+            options.seed,
+            &backends,
+            &stages,
+        )?,
     };
     let seconds = started.elapsed().as_secs_f64();
     stages.finish();
@@ -76,8 +94,17 @@ pub fn run(options: &RenderOptions) -> Result<()> {
     if options.json {
         return output::json(&entry);
     }
-    let backend = if options.backend == BackendName::Ort { ", onnxruntime" } else { "" };
-    output::line(&format!("{}: {} spp, {:.1} s{backend}", exr.display(), entry.spp, entry.seconds));
+    let backend = if options.backend == BackendName::Ort {
+        ", onnxruntime"
+    } else {
+        ""
+    };
+    output::line(&format!(
+        "{}: {} spp, {:.1} s{backend}",
+        exr.display(),
+        entry.spp,
+        entry.seconds
+    ));
     Ok(())
 }
 
@@ -88,17 +115,21 @@ fn model_folders(
     models: Option<&Path>,
     home: &Path,
 ) -> Result<BTreeMap<String, PathBuf>> {
-    let scene_folder = if scene_path.is_dir() { scene_path } else { scene_path.parent().unwrap_or(Path::new(".")) };
-    let shipped = scene_folder.join("..").join("materials");
     let candidates: Vec<PathBuf> = match models {
         Some(folder) => vec![folder.to_path_buf()],
-        None => vec![home.to_path_buf(), shipped],
+        None => vec![home.to_path_buf(), materials_folder(scene_path)],
     };
     let mut folders = BTreeMap::new();
     for material in scene.materials() {
-        let found = candidates.iter().map(|c| c.join(&material.name)).find(|f| f.join("sample.safetensors").exists());
+        let found = candidates
+            .iter()
+            .map(|c| c.join(&material.name))
+            .find(|f| f.join("sample.safetensors").exists());
         let Some(folder) = found else {
-            let looked = candidates.iter().map(|c| c.join(&material.name).display().to_string()).collect::<Vec<_>>();
+            let looked = candidates
+                .iter()
+                .map(|c| c.join(&material.name).display().to_string())
+                .collect::<Vec<_>>();
             bail!(
                 "material `{}` is not baked: no sample.safetensors in {}; run `bake scene {}` first",
                 material.name,
@@ -121,10 +152,20 @@ pub fn pass(
     backends: &Backends,
     stages: &Stages,
 ) -> Result<Image> {
-    let settings = RenderSettings { method, spp, sample_offset: offset, seed };
+    let settings = RenderSettings {
+        method,
+        spp,
+        sample_offset: offset,
+        seed,
+    };
     let label = format!("render {}", label(method));
     let tick = |done: u64, total: u64| stages.report(&label, done, total);
-    Ok(bake_scenes::render(scene, &settings, &|name| backends.make(name), &tick)?)
+    Ok(bake_scenes::render(
+        scene,
+        &settings,
+        &|name| backends.make(name),
+        &tick,
+    )?)
 }
 
 /// Passes that double the samples until the time is used up; the last one is sized to fit.
@@ -166,11 +207,17 @@ pub fn entry(
     path: &Path,
 ) -> Result<RenderEntry> {
     let mut nulls = BTreeMap::new();
-    nulls.insert("flip".to_string(), "FLIP is not measured by this version".to_string());
+    nulls.insert(
+        "flip".to_string(),
+        "FLIP is not measured by this version".to_string(),
+    );
     let mut error = None;
     match reference {
         Some(reference) => {
-            let all = images.iter().map(|i| relmse(i, reference)).collect::<bake_scenes::Result<Vec<f64>>>()?;
+            let all = images
+                .iter()
+                .map(|i| relmse(i, reference))
+                .collect::<bake_scenes::Result<Vec<f64>>>()?;
             error = Some(all.iter().sum::<f64>() / all.len() as f64);
         }
         None => {

@@ -3,14 +3,14 @@
 use super::check::{self, CARD_FILE, Provenance};
 use super::converged::converged;
 use super::render::{CONVERGED_SPP, entry, label, pass, write_pictures};
-use super::{RenderEntry, prepare_folder, write_json};
+use super::{RenderEntry, load, prepare_folder, write_json};
 use crate::arguments::{BackendName, SceneOptions};
 use crate::backends::Backends;
 use crate::progress::Stages;
 use crate::{machine, output};
 use anyhow::{Context, Result};
 use bake_runtime::Material;
-use bake_scenes::{Estimator, Image, Method, Scene, load_scene, picture};
+use bake_scenes::{Estimator, Image, Method, Scene, picture};
 use bake_train::bake::{Effort, bake};
 use bake_train::card::{Card, TrainingCost};
 use serde::Serialize;
@@ -62,11 +62,11 @@ struct Report {
 /// Runs the command.
 pub fn run(options: &SceneOptions) -> Result<()> {
     let started = Instant::now();
-    let scene = load_scene(&options.scene)?;
-    for material in scene.materials() {
-        material.reference().with_context(|| format!("material `{}`", material.name))?;
-    }
-    let out = options.out.clone().unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
+    let scene = load(&options.scene)?;
+    let out = options
+        .out
+        .clone()
+        .unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
     prepare_folder(&out)?;
     let stages = Stages::new();
     let mut seconds = Seconds::default();
@@ -105,7 +105,11 @@ fn bake_material(
     stages: &Stages,
     seconds: &mut Seconds,
 ) -> Result<Card> {
-    let effort = if options.quick { Effort::QUICK } else { Effort::FULL };
+    let effort = if options.quick {
+        Effort::QUICK
+    } else {
+        Effort::FULL
+    };
     let work = folder.join("checkpoints");
     if !options.resume && work.exists() {
         std::fs::remove_dir_all(&work).with_context(|| format!("{}: cannot start over", work.display()))?;
@@ -117,9 +121,14 @@ fn bake_material(
     stages.finish();
     seconds.maps += baked.maps_seconds;
     seconds.train += baked.train_seconds;
-    let (fallback, slices) = baked.fallbacks.iter().fold((0, 0), |(a, b), (f, n)| (a + f, b + n));
+    let (fallback, slices) = baked
+        .fallbacks
+        .iter()
+        .fold((0, 0), |(a, b), (f, n)| (a + f, b + n));
     if fallback > 0 {
-        output::warn(&format!("{fallback} of {slices} slices use the marginal map, because transport failed there"));
+        output::warn(&format!(
+            "{fallback} of {slices} slices use the marginal map, because transport failed there"
+        ));
     }
     let clock = Instant::now();
     baked.material.save(folder)?;
@@ -147,7 +156,11 @@ fn bake_material(
 /// The command that repeats this bake.
 fn command_line(options: &SceneOptions) -> String {
     let quick = if options.quick { " --quick" } else { "" };
-    format!("bake scene {}{quick} --seed {}", options.scene.display(), options.seed)
+    format!(
+        "bake scene {}{quick} --seed {}",
+        options.scene.display(),
+        options.seed
+    )
 }
 
 /// Renders every method at equal samples per pixel and measures them against the converged reference.
@@ -177,11 +190,21 @@ fn compare(
         times.sort_by(f64::total_cmp);
         let path = out.join(format!("{}.exr", label(method)));
         write_pictures(&path, &images[0], scene.exposure)?;
-        entries.push(entry(method, &images, times[times.len() / 2], Some(&reference), &path)?);
+        entries.push(entry(
+            method,
+            &images,
+            times[times.len() / 2],
+            Some(&reference),
+            &path,
+        )?);
         compared.push(images.swap_remove(0));
     }
     stages.finish();
-    picture::write_png(&out.join(COMPARISON_FILE), &[&compared[0], &compared[1]], scene.exposure)?;
+    picture::write_png(
+        &out.join(COMPARISON_FILE),
+        &[&compared[0], &compared[1]],
+        scene.exposure,
+    )?;
     Ok(entries)
 }
 
@@ -190,9 +213,15 @@ fn print(report: &Report, out: &Path) {
         check::print(card, None);
     }
     output::line("");
-    output::line(&format!("{:<22}{:>6}{:>10}{:>12}{:>12}{:>12}", "render", "spp", "seconds", "relmse", "bias²", "variance"));
+    output::line(&format!(
+        "{:<22}{:>6}{:>10}{:>12}{:>12}{:>12}",
+        "render", "spp", "seconds", "relmse", "bias²", "variance"
+    ));
     for r in &report.renders {
-        let name = r.estimator.as_ref().map_or(r.method.clone(), |e| format!("{}, {e}", r.method));
+        let name = r
+            .estimator
+            .as_ref()
+            .map_or(r.method.clone(), |e| format!("{}, {e}", r.method));
         let number = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.2e}"));
         output::line(&format!(
             "{name:<22}{:>6}{:>10.2}{:>12}{:>12}{:>12}",
@@ -211,7 +240,12 @@ fn print(report: &Report, out: &Path) {
         s.train,
         s.check,
         s.render,
-        report.peak_rss_mib.map_or(String::new(), |m| format!("; peak memory {m:.0} MiB"))
+        report
+            .peak_rss_mib
+            .map_or(String::new(), |m| format!("; peak memory {m:.0} MiB"))
     ));
-    output::line(&format!("models, pictures and {REPORT_FILE} are in {}", out.display()));
+    output::line(&format!(
+        "models, pictures and {REPORT_FILE} are in {}",
+        out.display()
+    ));
 }

@@ -1,6 +1,5 @@
 //! The bake of one material: frames, maps, and the three networks, with presets for how much work to spend.
 
-
 use crate::error::Result;
 use crate::maps::{self, MappedSlice};
 use crate::nn::frame::FrameNetwork;
@@ -24,9 +23,17 @@ pub struct Effort {
 
 impl Effort {
     /// The shipped models.
-    pub const FULL: Effort = Effort { slices: 768, steps: [4000, 16_000, 8000, 4000], batch: 4096 };
+    pub const FULL: Effort = Effort {
+        slices: 768,
+        steps: [4000, 10_000, 8000, 4000],
+        batch: 4096,
+    };
     /// A first look in a minute.
-    pub const QUICK: Effort = Effort { slices: 128, steps: [1500, 2000, 1000, 500], batch: 4096 };
+    pub const QUICK: Effort = Effort {
+        slices: 128,
+        steps: [1500, 2000, 1000, 500],
+        batch: 4096,
+    };
 }
 
 /// Hidden widths of the warp preset when only `wo` is free: sampling, evaluation, pdf and frame network.
@@ -101,36 +108,85 @@ pub fn bake(
 ) -> Result<Bake> {
     let bsdf = material.reference()?;
     let spec = |role: Role, hidden: &[usize]| {
-        NetworkSpec::warp(role, material.clone(), bsdf.alpha, hidden.to_vec(), FRAME_HIDDEN.to_vec())
+        NetworkSpec::warp(
+            role,
+            material.clone(),
+            bsdf.alpha,
+            hidden.to_vec(),
+            FRAME_HIDDEN.to_vec(),
+        )
     };
-    let specs =
-        [spec(Role::Sample, &SAMPLE_HIDDEN), spec(Role::Eval, &EVAL_HIDDEN), spec(Role::Pdf, &PDF_HIDDEN)];
+    let specs = [
+        spec(Role::Sample, &SAMPLE_HIDDEN),
+        spec(Role::Eval, &EVAL_HIDDEN),
+        spec(Role::Pdf, &PDF_HIDDEN),
+    ];
     let context = format!("{material:?} {effort:?}");
     let [frame_steps, sample_steps, eval_steps, pdf_steps] = effort.steps;
-    let plan = |stage: &'static str, steps: u64, rate: f64| Plan { stage, steps, batch: effort.batch, rate, seed };
+    let plan = |stage: &'static str, steps: u64, rate: f64| Plan {
+        stage,
+        steps,
+        batch: effort.batch,
+        rate,
+        seed,
+    };
 
     let started = Instant::now();
     let tick = |stage: Stage| move |done: u64, total: u64| progress(stage, done, total);
     let directions = maps::draw_directions(effort.slices);
     let fitted = maps::fit_frames(&bsdf, &directions, &tick(Stage::Frames))?;
-    let frame_plan = Plan { batch: effort.batch / 4, ..plan("frame", frame_steps, FRAME_RATE) };
-    let frames = FrameNetwork::train(&specs[0], frame_plan, &directions, &fitted, work, &tick(Stage::Frames))?;
+    let frame_plan = Plan {
+        batch: effort.batch / 4,
+        ..plan("frame", frame_steps, FRAME_RATE)
+    };
+    let frames = FrameNetwork::train(
+        &specs[0],
+        frame_plan,
+        &directions,
+        &fitted,
+        work,
+        &tick(Stage::Frames),
+    )?;
     let slices: Vec<MappedSlice> = maps::compute(&bsdf, &frames, &directions, work, &tick(Stage::Maps))?;
     let maps_seconds = started.elapsed().as_secs_f64();
 
     let started = Instant::now();
     let set = TrainingSet::new(&slices);
-    let sampler =
-        sample::train(&specs[0], plan("sample", sample_steps, RATE), &set, work, &context, &tick(Stage::Sample))?;
-    let eval =
-        density::train_eval(&specs[1], plan("eval", eval_steps, RATE), &set, work, &context, &tick(Stage::Eval))?;
+    let sampler = sample::train(
+        &specs[0],
+        plan("sample", sample_steps, RATE),
+        &set,
+        work,
+        &context,
+        &tick(Stage::Sample),
+    )?;
+    let eval = density::train_eval(
+        &specs[1],
+        plan("eval", eval_steps, RATE),
+        &set,
+        work,
+        &context,
+        &tick(Stage::Eval),
+    )?;
     let pdf_plan = plan("pdf", pdf_steps, RATE);
-    let pdf = density::train_pdf(&specs[2], pdf_plan, &set, &sampler, work, &context, &tick(Stage::Pdf))?;
+    let pdf = density::train_pdf(
+        &specs[2],
+        pdf_plan,
+        &set,
+        &sampler,
+        work,
+        &context,
+        &tick(Stage::Pdf),
+    )?;
     let train_seconds = started.elapsed().as_secs_f64();
 
     let [sample_spec, eval_spec, pdf_spec] = specs;
     let network = |spec: NetworkSpec, mlp: crate::nn::mlp::Mlp| -> Result<Network> {
-        Ok(Network { spec, frame: frames.layers.clone(), net: mlp.to_dense()? })
+        Ok(Network {
+            spec,
+            frame: frames.layers.clone(),
+            net: mlp.to_dense()?,
+        })
     };
     Ok(Bake {
         material: BakedMaterial {
@@ -144,4 +200,3 @@ pub fn bake(
         fallbacks: maps::fallbacks(&slices),
     })
 }
-

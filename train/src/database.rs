@@ -23,11 +23,15 @@ const FINGERPRINT_KEY: &str = "bake.maps";
 
 /// Everything that the numbers in a shard depend on, as text; shards with another fingerprint are not taken up.
 pub fn fingerprint(bsdf: &Conductor, frames: &FrameNetwork, directions: &[[f64; 3]]) -> String {
-    let weights = frames.layers.iter().flat_map(|l| l.weight.iter().chain(&l.bias)).fold(0u64, |h, w| {
-        h.rotate_left(5).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ u64::from(w.to_bits())
-    });
+    let weights = frames
+        .layers
+        .iter()
+        .flat_map(|l| l.weight.iter().chain(&l.bias))
+        .fold(0u64, |h, w| {
+            h.rotate_left(5).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ u64::from(w.to_bits())
+        });
     format!(
-        "v1 alpha {:?} reflectance {:?} directions {} cells {CELLS} walks {WALKS} frames {weights:016x}",
+        "v2 alpha {:?} reflectance {:?} directions {} cells {CELLS} walks {WALKS} frames {weights:016x}",
         bsdf.alpha,
         bsdf.reflectance.to_array(),
         directions.len()
@@ -58,23 +62,56 @@ pub fn save_shard(folder: &Path, shard: usize, slices: &[MappedSlice], fingerpri
     };
     let frame = |s: &MappedSlice| [s.frame.x, s.frame.y, s.frame.shear, s.frame.b[0], s.frame.b[1]];
     let tensors = [
-        ("wo", Dtype::F64, vec![k, 3], bytes64(slices.iter().flat_map(|s| s.wo))),
-        ("frame", Dtype::F64, vec![k, 5], bytes64(slices.iter().flat_map(frame))),
-        ("constant", Dtype::F64, vec![k], bytes64(slices.iter().map(|s| s.constant))),
+        (
+            "wo",
+            Dtype::F64,
+            vec![k, 3],
+            bytes64(slices.iter().flat_map(|s| s.wo)),
+        ),
+        (
+            "frame",
+            Dtype::F64,
+            vec![k, 5],
+            bytes64(slices.iter().flat_map(frame)),
+        ),
+        (
+            "constant",
+            Dtype::F64,
+            vec![k],
+            bytes64(slices.iter().map(|s| s.constant)),
+        ),
         (
             "log_density",
             Dtype::F32,
             vec![k, 3, n, n],
-            bytes32(slices.iter().flat_map(|s| s.table.log_density.iter().flatten().copied())),
+            bytes32(
+                slices
+                    .iter()
+                    .flat_map(|s| s.table.log_density.iter().flatten().copied()),
+            ),
         ),
-        ("map", Dtype::F32, vec![k, n, n, 2], bytes32(slices.iter().flat_map(|s| s.map.iter().flatten().copied()))),
-        ("potential", Dtype::F32, vec![k, n, n], bytes32(slices.iter().flat_map(potential))),
+        (
+            "map",
+            Dtype::F32,
+            vec![k, n, n, 2],
+            bytes32(slices.iter().flat_map(|s| s.map.iter().flatten().copied())),
+        ),
+        (
+            "potential",
+            Dtype::F32,
+            vec![k, n, n],
+            bytes32(slices.iter().flat_map(potential)),
+        ),
     ];
     let views = tensors.iter().map(|(name, dtype, shape, data)| {
-        (*name, TensorView::new(*dtype, shape.clone(), data).expect("shape matches data by construction"))
+        (
+            *name,
+            TensorView::new(*dtype, shape.clone(), data).expect("shape matches data by construction"),
+        )
     });
     let metadata = HashMap::from([(FINGERPRINT_KEY.to_string(), fingerprint.to_string())]);
-    let bytes = safetensors::serialize(views, Some(metadata)).expect("tensor names are unique by construction");
+    let bytes =
+        safetensors::serialize(views, Some(metadata)).expect("tensor names are unique by construction");
     Ok(write_atomically(&path_of(folder, shard), &bytes)?)
 }
 
@@ -82,14 +119,23 @@ pub fn save_shard(folder: &Path, shard: usize, slices: &[MappedSlice], fingerpri
 ///
 /// # Errors
 /// [`Error::Checkpoint`] for a file that is there but cannot be read.
-pub fn load_shard(folder: &Path, shard: usize, count: usize, fingerprint: &str) -> Result<Option<Vec<MappedSlice>>> {
+pub fn load_shard(
+    folder: &Path,
+    shard: usize,
+    count: usize,
+    fingerprint: &str,
+) -> Result<Option<Vec<MappedSlice>>> {
     let path = path_of(folder, shard);
     if !path.exists() {
         return Ok(None);
     }
-    let broken = |reason: String| Error::Checkpoint { path: path.clone(), reason };
+    let broken = |reason: String| Error::Checkpoint {
+        path: path.clone(),
+        reason,
+    };
     let bytes = std::fs::read(&path).map_err(|e| broken(e.to_string()))?;
-    let file = SafeTensors::deserialize(&bytes).map_err(|e| broken(format!("not a whole map shard ({e})")))?;
+    let file =
+        SafeTensors::deserialize(&bytes).map_err(|e| broken(format!("not a whole map shard ({e})")))?;
     let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| broken(e.to_string()))?;
     let found = header.metadata().as_ref().and_then(|m| m.get(FINGERPRINT_KEY));
     if found.map(String::as_str) != Some(fingerprint) {
@@ -97,33 +143,58 @@ pub fn load_shard(folder: &Path, shard: usize, count: usize, fingerprint: &str) 
     }
     let n = CELLS * CELLS;
     let floats = |name: &str, per_slice: usize| -> Result<Vec<f32>> {
-        let view = file.tensor(name).map_err(|_| broken(format!("tensor `{name}` is missing")))?;
-        let values: Vec<f32> =
-            view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        let view = file
+            .tensor(name)
+            .map_err(|_| broken(format!("tensor `{name}` is missing")))?;
+        let values: Vec<f32> = view
+            .data()
+            .chunks_exact(4)
+            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+            .collect();
         match view.dtype() == Dtype::F32 && values.len() == count * per_slice {
             true => Ok(values),
             false => Err(broken(format!("tensor `{name}` has the wrong type or size"))),
         }
     };
     let doubles = |name: &str, per_slice: usize| -> Result<Vec<f64>> {
-        let view = file.tensor(name).map_err(|_| broken(format!("tensor `{name}` is missing")))?;
-        let values: Vec<f64> =
-            view.data().chunks_exact(8).map(|b| f64::from_le_bytes(std::array::from_fn(|i| b[i]))).collect();
+        let view = file
+            .tensor(name)
+            .map_err(|_| broken(format!("tensor `{name}` is missing")))?;
+        let values: Vec<f64> = view
+            .data()
+            .chunks_exact(8)
+            .map(|b| f64::from_le_bytes(std::array::from_fn(|i| b[i])))
+            .collect();
         match view.dtype() == Dtype::F64 && values.len() == count * per_slice {
             true => Ok(values),
             false => Err(broken(format!("tensor `{name}` has the wrong type or size"))),
         }
     };
     let (wo, frame, constant) = (doubles("wo", 3)?, doubles("frame", 5)?, doubles("constant", 1)?);
-    let (log_density, map, potential) = (floats("log_density", 3 * n)?, floats("map", 2 * n)?, floats("potential", n)?);
+    let (log_density, map, potential) = (
+        floats("log_density", 3 * n)?,
+        floats("map", 2 * n)?,
+        floats("potential", n)?,
+    );
     let slices = (0..count).map(|k| {
         let plane = |c: usize| log_density[(3 * k + c) * n..(3 * k + c + 1) * n].to_vec();
         let f = &frame[5 * k..5 * k + 5];
         MappedSlice {
             wo: [wo[3 * k], wo[3 * k + 1], wo[3 * k + 2]],
-            frame: Frame { x: f[0], y: f[1], shear: f[2], b: [f[3], f[4]] },
-            table: SliceTable { cells: CELLS, log_density: [plane(0), plane(1), plane(2)] },
-            map: map[2 * k * n..2 * (k + 1) * n].chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
+            frame: Frame {
+                x: f[0],
+                y: f[1],
+                shear: f[2],
+                b: [f[3], f[4]],
+            },
+            table: SliceTable {
+                cells: CELLS,
+                log_density: [plane(0), plane(1), plane(2)],
+            },
+            map: map[2 * k * n..2 * (k + 1) * n]
+                .chunks_exact(2)
+                .map(|p| [p[0], p[1]])
+                .collect(),
             potential: match potential[k * n].is_nan() {
                 true => Vec::new(),
                 false => potential[k * n..(k + 1) * n].to_vec(),

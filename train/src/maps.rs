@@ -10,7 +10,7 @@ use crate::database;
 use crate::error::{Error, Result};
 use crate::nn::frame::FrameNetwork;
 use crate::slice::{SliceTable, r2, single_luminance};
-use crate::spline::{Spline, cell_centre};
+use crate::spline::{EdgeSpline, cell_centre};
 use crate::transport::marginal::MarginalMap;
 use crate::transport::{frame_fit, monge_ampere};
 use bake_runtime::conductor::Conductor;
@@ -71,7 +71,11 @@ pub fn draw_directions(count: usize) -> Vec<[f64; 3]> {
 ///
 /// # Errors
 /// [`Error::Interrupted`] when `tick` breaks.
-pub fn fit_frames(bsdf: &Conductor, directions: &[[f64; 3]], tick: Tick) -> Result<Vec<[f64; FRAME_OUTPUTS]>> {
+pub fn fit_frames(
+    bsdf: &Conductor,
+    directions: &[[f64; 3]],
+    tick: Tick,
+) -> Result<Vec<[f64; FRAME_OUTPUTS]>> {
     let done = AtomicU64::new(0);
     directions
         .par_iter()
@@ -88,49 +92,70 @@ pub fn fit_frames(bsdf: &Conductor, directions: &[[f64; 3]], tick: Tick) -> Resu
 
 fn advance(done: &AtomicU64, total: usize, tick: Tick) -> Result<()> {
     let count = done.fetch_add(1, Ordering::Relaxed) + 1;
-    if tick(count, total as u64).is_break() { Err(Error::Interrupted) } else { Ok(()) }
+    if tick(count, total as u64).is_break() {
+        Err(Error::Interrupted)
+    } else {
+        Ok(())
+    }
 }
 
 /// Solves one slice, warm-started from `near`.
 fn solve(bsdf: &Conductor, wo: [f64; 3], frame: Frame, near: Option<&MappedSlice>) -> Result<MappedSlice> {
     let table = SliceTable::tabulate(bsdf, DVec3::from_array(wo), &frame, CELLS)?;
-    let softened: Vec<f64> =
-        table.luminance().iter().map(|q| (1.0 - UNIFORM_SHARE) * q + UNIFORM_SHARE).collect();
+    let softened: Vec<f64> = table
+        .luminance()
+        .iter()
+        .map(|q| (1.0 - UNIFORM_SHARE) * q + UNIFORM_SHARE)
+        .collect();
     let logs: Vec<f64> = softened.iter().map(|q| q.ln()).collect();
-    let potential: Option<Vec<f64>> =
-        near.filter(|n| !n.potential.is_empty()).map(|n| n.potential.iter().map(|&v| f64::from(v)).collect());
+    let potential: Option<Vec<f64>> = near
+        .filter(|n| !n.potential.is_empty())
+        .map(|n| n.potential.iter().map(|&v| f64::from(v)).collect());
     let narrow = |map: Vec<[f64; 2]>| map.iter().map(|p| p.map(|v| v.clamp(0.0, 1.0) as f32)).collect();
-    Ok(match monge_ampere::solve(&Spline::new(&logs, CELLS), CELLS, potential.as_deref()) {
-        Some(transport) => MappedSlice {
-            wo,
-            frame,
-            table,
-            map: narrow(transport.map),
-            potential: transport.potential.iter().map(|&v| v as f32).collect(),
-            constant: transport.constant.abs(),
+    Ok(
+        match monge_ampere::solve(&EdgeSpline::new(&logs, CELLS), CELLS, potential.as_deref()) {
+            Some(transport) => MappedSlice {
+                wo,
+                frame,
+                table,
+                map: narrow(transport.map),
+                potential: transport.potential.iter().map(|&v| v as f32).collect(),
+                constant: transport.constant.abs(),
+            },
+            None => MappedSlice {
+                wo,
+                frame,
+                table,
+                map: narrow(fallback_map(&EdgeSpline::new(&logs, CELLS))),
+                potential: Vec::new(),
+                constant: 0.0,
+            },
         },
-        None => MappedSlice {
-            wo,
-            frame,
-            table,
-            map: narrow(fallback_map(&softened)),
-            potential: Vec::new(),
-            constant: 0.0,
-        },
-    })
+    )
 }
 
 /// The marginal map at every cell centre.
-fn fallback_map(density: &[f64]) -> Vec<[f64; 2]> {
-    let map = MarginalMap::new(density, CELLS);
-    (0..CELLS * CELLS).map(|k| map.at(cell_centre(k, CELLS))).collect()
+fn fallback_map(log_q: &EdgeSpline) -> Vec<[f64; 2]> {
+    let mass: Vec<f64> = (0..CELLS * CELLS)
+        .map(|k| log_q.at(cell_centre(k, CELLS)).0.exp())
+        .collect();
+    let map = MarginalMap::new(&mass, CELLS);
+    (0..CELLS * CELLS)
+        .map(|k| map.at(cell_centre(k, CELLS)))
+        .collect()
 }
 
 /// Index of the slice that slice `k` starts from: the nearest in feature space of the earlier half.
 fn parent(directions: &[[f64; 3]], k: usize) -> Option<usize> {
     let earlier = if k == 0 { 0 } else { 1 << k.ilog2() };
     let here = grazing(directions[k]);
-    let distance = |j: &usize| grazing(directions[*j]).iter().zip(&here).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+    let distance = |j: &usize| {
+        grazing(directions[*j])
+            .iter()
+            .zip(&here)
+            .map(|(a, b)| (a - b) * (a - b))
+            .sum::<f64>()
+    };
     (0..earlier).min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
@@ -161,7 +186,11 @@ pub fn compute(
         while slices.len() < end {
             // Indices up to the next power of two depend only on earlier halves, so they run side by side.
             let generation = slices.len().max(1).ilog2() + u32::from(!slices.is_empty());
-            let stop = if slices.is_empty() { 1 } else { (1usize << generation).min(end) };
+            let stop = if slices.is_empty() {
+                1
+            } else {
+                (1usize << generation).min(end)
+            };
             let solved: Result<Vec<MappedSlice>> = (slices.len()..stop)
                 .into_par_iter()
                 .map(|k| {

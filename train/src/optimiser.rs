@@ -54,7 +54,9 @@ fn product(a: &[f32], b: &[f32], (m, k, n): (usize, usize, usize)) -> Vec<f32> {
 }
 
 fn transposed(a: &[f32], rows: usize, columns: usize) -> Vec<f32> {
-    (0..columns * rows).map(|k| a[(k % rows) * columns + k / rows]).collect()
+    (0..columns * rows)
+        .map(|k| a[(k % rows) * columns + k / rows])
+        .collect()
 }
 
 /// The orthogonal matrix nearest to `gradient` (rows ≤ columns after a transpose), approximately.
@@ -69,9 +71,15 @@ fn orthogonalised(gradient: &[f32], (rows, columns): (usize, usize)) -> Vec<f32>
     for _ in 0..QUINTIC_STEPS {
         let gram = product(&x, &transposed(&x, m, n), (m, n, m));
         let square = product(&gram, &gram, (m, m, m));
-        let mix: Vec<f32> = gram.iter().zip(&square).map(|(a, b)| QUINTIC[1] * a + QUINTIC[2] * b).collect();
+        let mix: Vec<f32> = gram
+            .iter()
+            .zip(&square)
+            .map(|(a, b)| QUINTIC[1] * a + QUINTIC[2] * b)
+            .collect();
         let turn = product(&mix, &x, (m, m, n));
-        x.iter_mut().zip(&turn).for_each(|(v, t)| *v = QUINTIC[0] * *v + t);
+        x.iter_mut()
+            .zip(&turn)
+            .for_each(|(v, t)| *v = QUINTIC[0] * *v + t);
     }
     if tall { transposed(&x, m, n) } else { x }
 }
@@ -83,7 +91,13 @@ impl Optimiser {
             .into_iter()
             .map(|(shape, value, hidden)| {
                 let zeros = vec![0.0; value.len()];
-                Parameter { shape, first: zeros.clone(), second: zeros, value, hidden }
+                Parameter {
+                    shape,
+                    first: zeros.clone(),
+                    second: zeros,
+                    value,
+                    hidden,
+                }
             })
             .collect();
         Optimiser { parameters, step: 0 }
@@ -95,7 +109,10 @@ impl Optimiser {
         let steps = self.step.min(i32::MAX as u64) as i32;
         let (unbias_1, unbias_2) = (1.0 / (1.0 - BETA_1.powi(steps)), 1.0 / (1.0 - BETA_2.powi(steps)));
         for (p, gradient) in self.parameters.iter_mut().zip(gradients) {
-            p.first.iter_mut().zip(gradient).for_each(|(m, g)| *m = BETA_1 * *m + (1.0 - BETA_1) * g);
+            p.first
+                .iter_mut()
+                .zip(gradient)
+                .for_each(|(m, g)| *m = BETA_1 * *m + (1.0 - BETA_1) * g);
             if p.hidden {
                 let (rows, columns) = p.shape;
                 let scale = rate * (rows as f32 / columns as f32).max(1.0).sqrt();
@@ -103,7 +120,10 @@ impl Optimiser {
                 p.value.iter_mut().zip(&step).for_each(|(v, s)| *v -= scale * s);
                 continue;
             }
-            p.second.iter_mut().zip(gradient).for_each(|(v, g)| *v = BETA_2 * *v + (1.0 - BETA_2) * g * g);
+            p.second
+                .iter_mut()
+                .zip(gradient)
+                .for_each(|(v, g)| *v = BETA_2 * *v + (1.0 - BETA_2) * g * g);
             for ((value, m), v) in p.value.iter_mut().zip(&p.first).zip(&p.second) {
                 *value -= rate * m * unbias_1 / ((v * unbias_2).sqrt() + EPSILON);
             }
@@ -123,7 +143,11 @@ mod tests {
         let g: Vec<f32> = (0..12).map(|i| ((i * 7919 % 23) as f32 - 11.0) * 0.1).collect();
         for shape in [(3, 4), (4, 3)] {
             let o = orthogonalised(&g, shape);
-            let o = if shape.0 > shape.1 { transposed(&o, shape.0, shape.1) } else { o };
+            let o = if shape.0 > shape.1 {
+                transposed(&o, shape.0, shape.1)
+            } else {
+                o
+            };
             for row in o.chunks_exact(4) {
                 let length = row.iter().map(|v| v * v).sum::<f32>().sqrt();
                 assert!(SINGULAR_RANGE.contains(&length), "{length}");
@@ -137,10 +161,19 @@ mod tests {
         for hidden in [false, true] {
             let mut optimiser = Optimiser::new(vec![((2, 2), vec![0.0; 4], hidden)]);
             for step in 0..2000 {
-                let gradient = optimiser.parameters[0].value.iter().zip(&target).map(|(v, t)| v - t).collect();
+                let gradient = optimiser.parameters[0]
+                    .value
+                    .iter()
+                    .zip(&target)
+                    .map(|(v, t)| v - t)
+                    .collect();
                 optimiser.descend(&[gradient], 0.02 * (1.0 - step as f32 / 2000.0));
             }
-            let worst = optimiser.parameters[0].value.iter().zip(&target).map(|(v, t)| (v - t).abs());
+            let worst = optimiser.parameters[0]
+                .value
+                .iter()
+                .zip(&target)
+                .map(|(v, t)| (v - t).abs());
             assert!(worst.fold(0.0, f32::max) < 0.01);
         }
     }

@@ -7,7 +7,7 @@
 //! smoothing is the interpolation of its logarithm on [`SCATTER_CELLS`]² cells.
 
 use crate::error::{Error, Result};
-use crate::spline::{Spline, cell_centre};
+use crate::spline::{EdgeSpline, edge_cell_centre, edge_cell_weight};
 use bake_runtime::conductor::{Conductor, Vertex};
 use bake_runtime::frame::Frame;
 use bake_runtime::{Bsdf, Rng};
@@ -28,12 +28,13 @@ const DENSITY_FLOOR: f64 = 1e-7;
 /// Key of the walks: every slice uses the same numbers, so that their noise varies smoothly with `wo`.
 const WALK_KEY: u64 = 0x51_1ce;
 
-/// Logarithms of f_cos·dω/ds on the square of `frame`, RGB, at the cell centres of a grid.
+/// Logarithms of f_cos·dω/ds on the square of `frame`, RGB, at the centres of crowded cells.
 #[derive(Clone, Debug)]
 pub struct SliceTable {
     /// Cells per side.
     pub cells: usize,
-    /// ln of the density per unit square, one plane per channel; its mean over the square is the albedo.
+    /// ln of the density per unit square at [`edge_cell_centre`], one plane per channel; its mean over the square
+    /// is the albedo.
     pub log_density: [Vec<f32>; 3],
 }
 
@@ -77,23 +78,29 @@ impl SliceTable {
         let vertices = scatter_vertices(bsdf, wo, WALKS, 0);
         let coarse: Vec<DVec3> = (0..SCATTER_CELLS * SCATTER_CELLS)
             .map(|k| {
-                let (wi, area) = direction_at(frame, cell_centre(k, SCATTER_CELLS));
+                let (wi, area) = direction_at(frame, edge_cell_centre(k, SCATTER_CELLS));
                 scattered(bsdf, &vertices, WALKS, wi) * area
             })
             .collect();
         let floor = DVec3::splat(f64::MIN_POSITIVE.sqrt());
         let logs = |c: usize| coarse.iter().map(|v| v.max(floor)[c].ln()).collect::<Vec<_>>();
-        let splines = [0, 1, 2].map(|c| Spline::new(&logs(c), SCATTER_CELLS));
+        let splines = [0, 1, 2].map(|c| EdgeSpline::new(&logs(c), SCATTER_CELLS));
         let density: Vec<DVec3> = (0..cells * cells)
             .map(|k| {
-                let s = cell_centre(k, cells);
+                let s = edge_cell_centre(k, cells);
                 let (wi, area) = direction_at(frame, s);
-                bsdf.single(wo, wi) * area + DVec3::from_array([0, 1, 2].map(|c: usize| splines[c].at(s).0.exp()))
+                bsdf.single(wo, wi) * area
+                    + DVec3::from_array([0, 1, 2].map(|c: usize| splines[c].at(s).0.exp()))
             })
             .collect();
-        let mean = density.iter().sum::<DVec3>() / density.len() as f64;
+        let weights = (0..cells * cells).map(|k| edge_cell_weight(k, cells));
+        let mean = density.iter().zip(weights).map(|(v, w)| *v * w).sum::<DVec3>() / density.len() as f64;
         if !(mean.is_finite() && mean.dot(LUMINANCE) > 0.0) {
-            let reason = if mean.is_finite() { "it reflects nothing, so there is nothing to sample" } else { "it is not finite" };
+            let reason = if mean.is_finite() {
+                "it reflects nothing, so there is nothing to sample"
+            } else {
+                "it is not finite"
+            };
             return Err(Error::Slice {
                 theta_deg: wo.z.clamp(-1.0, 1.0).acos().to_degrees(),
                 phi_deg: wo.y.atan2(wo.x).to_degrees(),
@@ -107,15 +114,25 @@ impl SliceTable {
 
     /// The table's albedo, RGB.
     pub fn albedo(&self) -> DVec3 {
-        let mean = |plane: &[f32]| plane.iter().map(|v| f64::from(*v).exp()).sum::<f64>() / plane.len() as f64;
-        DVec3::new(mean(&self.log_density[0]), mean(&self.log_density[1]), mean(&self.log_density[2]))
+        let weighted = |(k, v): (usize, &f32)| f64::from(*v).exp() * edge_cell_weight(k, self.cells);
+        let mean = |plane: &[f32]| plane.iter().enumerate().map(weighted).sum::<f64>() / plane.len() as f64;
+        DVec3::new(
+            mean(&self.log_density[0]),
+            mean(&self.log_density[1]),
+            mean(&self.log_density[2]),
+        )
     }
 
     /// Luminance density at every cell, mean 1.
     pub fn luminance(&self) -> Vec<f64> {
         let mean = self.albedo().dot(LUMINANCE);
         (0..self.cells * self.cells)
-            .map(|k| (0..3).map(|c| LUMINANCE[c] * f64::from(self.log_density[c][k]).exp()).sum::<f64>() / mean)
+            .map(|k| {
+                (0..3)
+                    .map(|c| LUMINANCE[c] * f64::from(self.log_density[c][k]).exp())
+                    .sum::<f64>()
+                    / mean
+            })
             .collect()
     }
 }
@@ -136,5 +153,8 @@ pub fn oracle_f_cos(bsdf: &impl Bsdf, wo: DVec3, wi: DVec3, samples: u64, key: u
     let n = samples as f64;
     let mean = sum / n;
     let variance = (square / n - mean * mean).max(DVec3::ZERO) / (n - 1.0).max(1.0);
-    (mean, DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt()))
+    (
+        mean,
+        DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt()),
+    )
 }

@@ -48,7 +48,12 @@ fn mirror(i: isize, m: usize) -> usize {
 fn weights(t: f64) -> ([f64; 4], [f64; 4]) {
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);
-    let w = [s2 * s / 6.0, 2.0 / 3.0 - t2 * (1.0 - 0.5 * t), 2.0 / 3.0 - s2 * (1.0 - 0.5 * s), t2 * t / 6.0];
+    let w = [
+        s2 * s / 6.0,
+        2.0 / 3.0 - t2 * (1.0 - 0.5 * t),
+        2.0 / 3.0 - s2 * (1.0 - 0.5 * s),
+        t2 * t / 6.0,
+    ];
     let d = [-0.5 * s2, t * (1.5 * t - 2.0), -s * (1.5 * s - 2.0), 0.5 * t2];
     (w, d)
 }
@@ -67,7 +72,9 @@ impl Spline {
         }
         let side = cells + 2 * PAD;
         let node = |k: usize| mirror(k as isize - PAD as isize, cells);
-        let coefficients = (0..side * side).map(|k| c[node(k / side) * cells + node(k % side)] as f32).collect();
+        let coefficients = (0..side * side)
+            .map(|k| c[node(k / side) * cells + node(k % side)] as f32)
+            .collect();
         Spline { cells, coefficients }
     }
 
@@ -98,9 +105,62 @@ impl Spline {
     }
 }
 
+/// A spline over the unit square whose cells crowd towards the edges: cell centres lie at
+/// s = t²(3 − 2t) for t at the centres of an even grid.
+///
+/// In the square of a lobe frame a distance e from the edge is a height of about 2√e above the local horizon,
+/// so densities change there like functions of √e: evenly in t, where e ≈ 3t².
+#[derive(Clone, Debug)]
+pub struct EdgeSpline {
+    even: Spline,
+}
+
+/// Position of the even coordinate `t`: the smoothstep t²(3 − 2t).
+fn crowd(t: f64) -> f64 {
+    t * t * (3.0 - 2.0 * t)
+}
+
+/// Smallest t at which the slope of [`EdgeSpline`] is taken: at the edge itself ds/dt vanishes.
+const SLOPE_EDGE: f64 = 1e-4;
+
+/// Centre of cell `k` of the crowded n × n grid.
+pub fn edge_cell_centre(k: usize, n: usize) -> [f64; 2] {
+    cell_centre(k, n).map(crowd)
+}
+
+/// Area of cell `k` of the crowded grid, times n²: the weight of its centre in a mean over the square.
+pub fn edge_cell_weight(k: usize, n: usize) -> f64 {
+    let width = |i: usize| (crowd((i + 1) as f64 / n as f64) - crowd(i as f64 / n as f64)) * n as f64;
+    width(k % n) * width(k / n)
+}
+
+impl EdgeSpline {
+    /// Interpolates `values` at [`edge_cell_centre`].
+    pub fn new(values: &[f64], cells: usize) -> EdgeSpline {
+        EdgeSpline {
+            even: Spline::new(values, cells),
+        }
+    }
+
+    /// Value at `s` (clamped to the square) and its gradient per unit of the square.
+    pub fn at(&self, s: [f64; 2]) -> (f64, [f64; 2]) {
+        // Inverse of the smoothstep: t = 1/2 − sin(asin(1 − 2s)/3).
+        let t = s.map(|v| (0.5 - ((1.0 - 2.0 * v.clamp(0.0, 1.0)).asin() / 3.0).sin()).clamp(0.0, 1.0));
+        let (value, gradient) = self.even.at(t);
+        let slope = |t: f64| {
+            let t = t.clamp(SLOPE_EDGE, 1.0 - SLOPE_EDGE);
+            1.0 / (6.0 * t * (1.0 - t))
+        };
+        (value, [gradient[0] * slope(t[0]), gradient[1] * slope(t[1])])
+    }
+}
+
 /// Centre of cell `k` of an n × n grid over the unit square.
 pub fn cell_centre(k: usize, n: usize) -> [f64; 2] {
-    [((k % n) as f64 + 0.5) / n as f64, ((k / n) as f64 + 0.5) / n as f64]
+    [
+        ((k % n) as f64 + 0.5) / n as f64,
+        ((k / n) as f64 + 0.5) / n as f64,
+    ]
 }
 
 #[cfg(test)]
@@ -113,6 +173,23 @@ mod tests {
     const SMOOTH_TOL: f64 = 2e-5;
     /// The same for its gradient (third order).
     const GRADIENT_TOL: f64 = 3e-3;
+
+    /// A function of √e next to the edge, on 64 crowded cells.
+    const EDGE_TOL: f64 = 2e-3;
+
+    #[test]
+    fn crowded_cells_resolve_a_square_root_at_the_edge() {
+        let n = 64;
+        let f = |s: [f64; 2]| (0.03 / (s[0].sqrt() + 0.03)).ln() + s[1];
+        let values: Vec<f64> = (0..n * n).map(|k| f(edge_cell_centre(k, n))).collect();
+        let spline = EdgeSpline::new(&values, n);
+        for i in 0..200 {
+            let s = [10f64.powf(-5.0 + 0.02 * f64::from(i)) * 0.9, 0.4];
+            assert!((spline.at(s).0 - f(s)).abs() < EDGE_TOL, "{s:?}");
+        }
+        let area: f64 = (0..n * n).map(|k| edge_cell_weight(k, n)).sum();
+        assert!((area / (n * n) as f64 - 1.0).abs() < NODE_TOL);
+    }
 
     #[test]
     fn interpolates_nodes_and_a_smooth_function() {

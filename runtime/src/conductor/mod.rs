@@ -3,6 +3,7 @@
 //! Source: Heitz et al. 2016, *Multiple-Scattering Microfacet BSDFs with the Smith Model*. Deviation: `pdf` is a
 //! normalised density (see [`Conductor::sample_vndf`]), not the sum of a single-scattering and a cosine term.
 
+mod eval;
 mod microsurface;
 mod walk;
 
@@ -89,18 +90,9 @@ fn check(name: &str, values: &[f64], lowest: f64) -> Result<()> {
 }
 
 impl Bsdf for Conductor {
-    /// Single scattering exactly, and one walk's connections for the rest.
-    ///
-    /// The narrower the lobes, the rarer and brighter these connections: away from the mirror direction and below
-    /// alpha 0.1, one in ten million may carry as much as all others.
+    /// Single scattering exactly, and [`Conductor::multiple`] for the rest.
     fn eval(&self, wo: DVec3, wi: DVec3, rng: &mut Rng) -> DVec3 {
-        if !above_horizon(wo) || !above_horizon(wi) {
-            return DVec3::ZERO;
-        }
-        let mut f_cos = self.single(wo, wi);
-        let u = rng.pair();
-        self.walk(wo, u, rng, |vertex| f_cos += self.connect(vertex, wi));
-        f_cos
+        self.single(wo, wi) + self.multiple(wo, wi, rng)
     }
 
     /// One walk: its weight is at most 1.

@@ -48,17 +48,31 @@ fn integrate_eval(conductor: &Conductor, wo: DVec3, rng: &mut Rng, mut add: impl
     }
 }
 
+/// The oracle of `multiple` is the plain one-ended estimate: the connections of one walk from `wo`.
 #[test]
-fn eval_is_single_scattering_and_the_connections_of_one_walk() {
-    let (wo, wi) = (direction(50.0, 20.0), direction(40.0, 190.0));
+fn walks_from_both_ends_agree_with_walks_from_one() {
+    const DRAWS: usize = 400_000;
     let conductor = Conductor::new([0.6, 0.2], [0.9, 0.5, 0.1]).expect("valid parameters");
-    for key in 0..1000 {
-        let mut rng = Rng::new(&[3, key]);
-        let mut sum = conductor.single(wo, wi);
-        conductor.walk(wo, rng.pair(), &mut rng, |vertex| {
-            sum += conductor.connect(vertex, wi)
+    let pairs = [
+        (direction(50.0, 20.0), direction(40.0, 190.0)),
+        (direction(80.0, 0.0), direction(10.0, 90.0)),
+        (direction(30.0, 70.0), direction(85.0, 70.0)),
+    ];
+    for (k, (wo, wi)) in pairs.into_iter().enumerate() {
+        let mut rng = Rng::new(&[3, k as u64]);
+        let one = Means::of(DRAWS, || {
+            let mut sum = DVec3::ZERO;
+            let u = rng.pair();
+            conductor.walk(wo, u, &mut rng, |v| sum += conductor.connect(v, wi));
+            sum.to_array()
         });
-        assert_eq!(conductor.eval(wo, wi, &mut Rng::new(&[3, key])), sum);
+        let mut rng = Rng::new(&[4, k as u64]);
+        let both = Means::of(DRAWS, || conductor.multiple(wo, wi, &mut rng).to_array());
+        for c in 0..3 {
+            let what = format!("pair {k}, channel {c}");
+            assert_agree((both.mean(c), both.se(c)), (one.mean(c), one.se(c)), 0.0, &what);
+            assert!(both.se(c) < one.se(c), "{what}: two ends are noisier than one");
+        }
     }
 }
 

@@ -72,13 +72,24 @@ pub fn bins_of_90_percent(mass: &[f64]) -> usize {
     sorted.sort_by(|a, b| b.total_cmp(a));
     let goal = 0.9 * mass.iter().sum::<f64>();
     let mut sum = 0.0;
-    sorted.iter().take_while(|m| { sum += *m; sum < goal }).count() + 1
+    sorted
+        .iter()
+        .take_while(|m| {
+            sum += *m;
+            sum < goal
+        })
+        .count()
+        + 1
 }
 
 /// Σ |counts/N − mass/total|.
 pub fn l1(counts: &[u64], mass: &[f64]) -> f64 {
     let (n, total) = (counts.iter().sum::<u64>() as f64, mass.iter().sum::<f64>());
-    counts.iter().zip(mass).map(|(c, m)| (*c as f64 / n - m / total).abs()).sum()
+    counts
+        .iter()
+        .zip(mass)
+        .map(|(c, m)| (*c as f64 / n - m / total).abs())
+        .sum()
 }
 
 #[cfg(test)]

@@ -23,13 +23,20 @@ const KEY: u64 = 0xc057;
 ///
 /// # Errors
 /// Whatever a backend reports.
-pub fn cost(bsdf: &Conductor, tier: &str, native: BackendFactory, ort: Option<BackendFactory>) -> Result<Cost> {
+pub fn cost(
+    bsdf: &Conductor,
+    tier: &str,
+    native: BackendFactory,
+    ort: Option<BackendFactory>,
+) -> Result<Cost> {
     let mut rng = Rng::new(&[KEY]);
-    let directions: Vec<DVec3> =
-        (0..BATCH).map(|_| direction(THETA_MAX_DEG * rng.uniform(), 360.0 * rng.uniform())).collect();
+    let directions: Vec<DVec3> = (0..BATCH)
+        .map(|_| direction(THETA_MAX_DEG * rng.uniform(), 360.0 * rng.uniform()))
+        .collect();
     let column = |c: usize| directions.iter().map(|w| w[c] as f32).collect::<Vec<f32>>();
     let wo = [column(0), column(1), column(2)];
-    let u: [Vec<f32>; 2] = std::array::from_fn(|_| (0..BATCH).map(|_| rng.uniform() as f32 * 0.999).collect());
+    let u: [Vec<f32>; 2] =
+        std::array::from_fn(|_| (0..BATCH).map(|_| rng.uniform() as f32 * 0.999).collect());
     let wo = wo.each_ref().map(|c| c.as_slice());
     let u = u.each_ref().map(|c| c.as_slice());
     let mut wi: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; BATCH]);

@@ -21,7 +21,10 @@ pub fn direction(theta_deg: f64, phi_deg: f64) -> DVec3 {
 /// Strata by name, each with its 32 directions.
 pub fn strata() -> BTreeMap<String, Vec<DVec3>> {
     let file: File = serde_json::from_str(HELDOUT).expect("the held-out file is compiled in");
-    file.wo.into_iter().map(|(name, wo)| (name, wo.iter().map(|a| direction(a[0], a[1])).collect())).collect()
+    file.wo
+        .into_iter()
+        .map(|(name, wo)| (name, wo.iter().map(|a| direction(a[0], a[1])).collect()))
+        .collect()
 }
 
 #[cfg(test)]
@@ -31,9 +34,17 @@ mod tests {
     #[test]
     fn strata_hold_32_directions_each_in_their_range() {
         let strata = strata();
-        for (name, low, high) in [("theta_0_75", 0.0, 75.0), ("theta_75_85", 75.0, 85.0), ("theta_85_89", 85.0, 89.0)] {
+        for (name, low, high) in [
+            ("theta_0_75", 0.0, 75.0),
+            ("theta_75_85", 75.0, 85.0),
+            ("theta_85_89", 85.0, 89.0),
+        ] {
             assert_eq!(strata[name].len(), 32);
-            assert!(strata[name].iter().all(|w| (low..=high).contains(&w.z.acos().to_degrees())));
+            assert!(
+                strata[name]
+                    .iter()
+                    .all(|w| (low..=high).contains(&w.z.acos().to_degrees()))
+            );
         }
     }
 }

@@ -57,7 +57,11 @@ struct Measured {
 ///
 /// # Errors
 /// [`Error::Interrupted`] when `tick` breaks; whatever the backend reports.
-pub fn errors(bsdf: &Conductor, backend: BackendFactory, tick: Tick) -> Result<BTreeMap<String, StratumErrors>> {
+pub fn errors(
+    bsdf: &Conductor,
+    backend: BackendFactory,
+    tick: Tick,
+) -> Result<BTreeMap<String, StratumErrors>> {
     let strata = heldout::strata();
     let all: Vec<(&String, u64, DVec3)> = strata
         .iter()
@@ -67,27 +71,44 @@ pub fn errors(bsdf: &Conductor, backend: BackendFactory, tick: Tick) -> Result<B
     let measured: Result<Vec<Measured>> = all
         .par_iter()
         .map(|&(name, i, wo)| {
-            let key = name.bytes().fold(i, |h, b| h.wrapping_mul(31).wrapping_add(u64::from(b)));
+            let key = name
+                .bytes()
+                .fold(i, |h, b| h.wrapping_mul(31).wrapping_add(u64::from(b)));
             let result = measure(bsdf, wo, backend()?.as_mut(), key)?;
             let count = done.fetch_add(1, Ordering::Relaxed) + 1;
-            if tick(count, all.len() as u64).is_break() { Err(Error::Interrupted) } else { Ok(result) }
+            if tick(count, all.len() as u64).is_break() {
+                Err(Error::Interrupted)
+            } else {
+                Ok(result)
+            }
         })
         .collect();
     let measured = measured?;
     let of = |name: &str| -> Vec<&Measured> {
-        all.iter().zip(&measured).filter(|((n, ..), _)| n.as_str() == name).map(|(_, m)| m).collect()
+        all.iter()
+            .zip(&measured)
+            .filter(|((n, ..), _)| n.as_str() == name)
+            .map(|(_, m)| m)
+            .collect()
     };
-    Ok(strata.keys().map(|name| (name.clone(), summarise(&of(name)))).collect())
+    Ok(strata
+        .keys()
+        .map(|name| (name.clone(), summarise(&of(name))))
+        .collect())
 }
 
 fn summarise(rows: &[&Measured]) -> StratumErrors {
     let n = rows.len() as f64;
     let mean = |f: &dyn Fn(&Measured) -> f64| rows.iter().map(|m| f(m)).sum::<f64>() / n;
     let max = |f: &dyn Fn(&Measured) -> f64| rows.iter().map(|m| f(m)).fold(0.0, f64::max);
-    let spread = |f: &dyn Fn(&Measured) -> f64| Spread { mean: mean(f), worst: max(f) };
+    let spread = |f: &dyn Fn(&Measured) -> f64| Spread {
+        mean: mean(f),
+        worst: max(f),
+    };
     let bias = |e: usize| {
         let mean_rgb = [0, 1, 2].map(|c: usize| mean(&|m| m.bias[e].0[c]));
-        let se = [0, 1, 2].map(|c: usize| rows.iter().map(|m| m.bias[e].1[c].powi(2)).sum::<f64>().sqrt() / n);
+        let se =
+            [0, 1, 2].map(|c: usize| rows.iter().map(|m| m.bias[e].1[c].powi(2)).sum::<f64>().sqrt() / n);
         let all = rows.iter().flat_map(|m| m.bias[e].0.to_array());
         Bias {
             mean: mean_rgb.iter().sum::<f64>() / 3.0,
@@ -97,7 +118,11 @@ fn summarise(rows: &[&Measured]) -> StratumErrors {
             mean_rgb,
         }
     };
-    let farthest = rows.iter().map(|m| m.pdf_integral).fold(1.0, |w: f64, p| if (p - 1.0).abs() > (w - 1.0).abs() { p } else { w });
+    let farthest =
+        rows.iter().map(|m| m.pdf_integral).fold(
+            1.0,
+            |w: f64, p| if (p - 1.0).abs() > (w - 1.0).abs() { p } else { w },
+        );
     StratumErrors {
         binning_l1: spread(&|m| m.binning_l1),
         binning_floor: mean(&|m| m.binning_floor),
@@ -111,7 +136,10 @@ fn summarise(rows: &[&Measured]) -> StratumErrors {
         chi2_effect: spread(&|m| m.chi2_effect),
         eval_rel_l1: spread(&|m| m.eval_rel_l1),
         eval_smape: mean(&|m| m.eval_smape),
-        pdf_integral: Spread { mean: mean(&|m| m.pdf_integral), worst: farthest },
+        pdf_integral: Spread {
+            mean: mean(&|m| m.pdf_integral),
+            worst: farthest,
+        },
         pdf_log_l1: mean(&|m| m.pdf_log_l1),
     }
 }
@@ -183,7 +211,11 @@ impl Buffers {
     }
 
     fn rgb(&self, i: usize) -> DVec3 {
-        DVec3::new(self.rgb[0][i].into(), self.rgb[1][i].into(), self.rgb[2][i].into())
+        DVec3::new(
+            self.rgb[0][i].into(),
+            self.rgb[1][i].into(),
+            self.rgb[2][i].into(),
+        )
     }
 
     fn sample_learned(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
@@ -234,7 +266,11 @@ fn measure(bsdf: &Conductor, wo: DVec3, backend: &mut dyn Backend, key: u64) -> 
 }
 
 /// Binning L1, share of energy in bins without a sample, and the bias of the learned weights.
-fn learned_estimator(truth: &Truth, backend: &mut dyn Backend, buffers: &mut Buffers) -> Result<(f64, f64, (DVec3, DVec3))> {
+fn learned_estimator(
+    truth: &Truth,
+    backend: &mut dyn Backend,
+    buffers: &mut Buffers,
+) -> Result<(f64, f64, (DVec3, DVec3))> {
     let mut counts = vec![0u64; SIDE * SIDE];
     // Every block of consecutive R2 points is itself of low discrepancy: the spread of their means gives the error.
     let mut blocks = Moments::default();
@@ -255,7 +291,12 @@ fn learned_estimator(truth: &Truth, backend: &mut dyn Backend, buffers: &mut Buf
         }
     }
     let total = truth.mass.iter().sum::<f64>();
-    let lost = counts.iter().zip(&truth.mass).filter(|(c, _)| **c == 0).map(|(_, m)| m / total).sum();
+    let lost = counts
+        .iter()
+        .zip(&truth.mass)
+        .filter(|(c, _)| **c == 0)
+        .map(|(_, m)| m / total)
+        .sum();
     Ok((l1(&counts, &truth.mass), lost, blocks.bias(truth)))
 }
 
@@ -347,7 +388,12 @@ fn chi2_effect(wo: DVec3, bins: &Bins, counts: &[u64], backend: &mut dyn Backend
 
 /// Relative L1 and SMAPE of the evaluation network, and the integral of the pdf network, over the square of the
 /// reference's frame.
-fn densities(bsdf: &Conductor, truth: &Truth, backend: &mut dyn Backend, buffers: &mut Buffers) -> Result<(f64, f64, f64)> {
+fn densities(
+    bsdf: &Conductor,
+    truth: &Truth,
+    backend: &mut dyn Backend,
+    buffers: &mut Buffers,
+) -> Result<(f64, f64, f64)> {
     let frame: &Frame = &truth.frame;
     let (mut error, mut energy, mut smape, mut integral) = (0.0, 0.0, 0.0, 0.0);
     for call in 0..EVAL_POINTS / BATCH {
@@ -372,5 +418,9 @@ fn densities(bsdf: &Conductor, truth: &Truth, backend: &mut dyn Backend, buffers
             integral += f64::from(buffers.scalar[i]) * measure;
         }
     }
-    Ok((error / energy, smape / EVAL_POINTS as f64, integral / EVAL_POINTS as f64))
+    Ok((
+        error / energy,
+        smape / EVAL_POINTS as f64,
+        integral / EVAL_POINTS as f64,
+    ))
 }

@@ -173,7 +173,11 @@ pub struct Card {
 impl Size {
     /// The size of `network`.
     pub fn of(network: &Network) -> Size {
-        Size { macs: network.spec.macs(), parameters: network.spec.parameters(), bytes: network.to_bytes().len() }
+        Size {
+            macs: network.spec.macs(),
+            parameters: network.spec.parameters(),
+            bytes: network.to_bytes().len(),
+        }
     }
 }
 
@@ -190,5 +194,9 @@ pub fn check(
 ) -> Result<(BTreeMap<String, StratumErrors>, Parity, Cost)> {
     let bsdf = material.sample.spec.material.reference()?;
     let errors = measure::errors(&bsdf, native, tick)?;
-    Ok((errors, parity::parity(material, native, ort)?, cost::cost(&bsdf, tier, native, ort)?))
+    Ok((
+        errors,
+        parity::parity(material, native, ort)?,
+        cost::cost(&bsdf, tier, native, ort)?,
+    ))
 }

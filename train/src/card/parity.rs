@@ -27,7 +27,11 @@ type Outputs = Vec<Vec<f32>>;
 
 fn queries() -> Queries {
     let mut rng = Rng::new(&[KEY]);
-    let mut q = Queries { wo: Default::default(), u: Default::default(), wi: Default::default() };
+    let mut q = Queries {
+        wo: Default::default(),
+        u: Default::default(),
+        wi: Default::default(),
+    };
     let draw = |rng: &mut Rng| direction(THETA_MAX_DEG * rng.uniform(), 360.0 * rng.uniform());
     for _ in 0..QUERIES {
         let (wo, wi) = (draw(&mut rng), draw(&mut rng));
@@ -36,14 +40,17 @@ fn queries() -> Queries {
             q.wi[c].push(wi[c] as f32);
         }
         // Multiples of 2⁻²⁴, as a renderer's f32 uniforms are.
-        q.u.iter_mut().for_each(|u| u.push((rng.bits() >> 40) as f32 * (1.0 / (1u64 << 24) as f32)));
+        q.u.iter_mut()
+            .for_each(|u| u.push((rng.bits() >> 40) as f32 * (1.0 / (1u64 << 24) as f32)));
     }
     q
 }
 
 fn run(backend: &mut dyn Backend, q: &Queries) -> Result<Outputs> {
     let mut out: Outputs = vec![vec![0.0; QUERIES]; 14];
-    let [x, y, z, r, g, b, jx, jy, jz, jacobian, er, eg, eb, pdf] = &mut out[..] else { unreachable!() };
+    let [x, y, z, r, g, b, jx, jy, jz, jacobian, er, eg, eb, pdf] = &mut out[..] else {
+        unreachable!()
+    };
     let wo = q.wo.each_ref().map(|c| c.as_slice());
     let u = q.u.each_ref().map(|c| c.as_slice());
     let wi = q.wi.each_ref().map(|c| c.as_slice());
@@ -70,15 +77,24 @@ fn run_oracle(material: &BakedMaterial, q: &Queries) -> Vec<[f64; 14]> {
 
 /// Largest |a − b| / max(1, |b|).
 fn largest(a: &Outputs, b: impl Fn(usize, usize) -> f64) -> f64 {
-    let pairs = a.iter().enumerate().flat_map(|(c, column)| column.iter().enumerate().map(move |(i, v)| (c, i, *v)));
-    pairs.map(|(c, i, v)| (f64::from(v) - b(c, i)).abs() / b(c, i).abs().max(1.0)).fold(0.0, f64::max)
+    let pairs = a
+        .iter()
+        .enumerate()
+        .flat_map(|(c, column)| column.iter().enumerate().map(move |(i, v)| (c, i, *v)));
+    pairs
+        .map(|(c, i, v)| (f64::from(v) - b(c, i)).abs() / b(c, i).abs().max(1.0))
+        .fold(0.0, f64::max)
 }
 
 /// Measures the three differences; those with onnxruntime are `None` without it.
 ///
 /// # Errors
 /// Whatever a backend reports.
-pub fn parity(material: &BakedMaterial, native: BackendFactory, ort: Option<BackendFactory>) -> Result<Parity> {
+pub fn parity(
+    material: &BakedMaterial,
+    native: BackendFactory,
+    ort: Option<BackendFactory>,
+) -> Result<Parity> {
     let q = queries();
     let truth = run_oracle(material, &q);
     let native = run(native()?.as_mut(), &q)?;

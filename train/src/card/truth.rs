@@ -58,15 +58,30 @@ impl Truth {
             mass = single(&bins);
         }
         let halves = [0, 1].map(|h: usize| {
-            bins.integrate(SCATTER_SUB, |wi| scattered(bsdf, &vertices[h], WALKS / 2, wi).dot(LUMINANCE))
+            bins.integrate(SCATTER_SUB, |wi| {
+                scattered(bsdf, &vertices[h], WALKS / 2, wi).dot(LUMINANCE)
+            })
         });
         for (m, (a, b)) in mass.iter_mut().zip(halves[0].iter().zip(&halves[1])) {
             *m += 0.5 * (a + b);
         }
         // Independent halves with errors ±e: their mean has an error of half their difference.
-        let difference: f64 = halves[0].iter().zip(&halves[1]).map(|(a, b)| 0.5 * (a - b).abs()).sum();
+        let difference: f64 = halves[0]
+            .iter()
+            .zip(&halves[1])
+            .map(|(a, b)| 0.5 * (a - b).abs())
+            .sum();
         let mass_noise_l1 = difference / mass.iter().sum::<f64>();
-        Truth { wo, frame, albedo, albedo_se, bins, mass, mass_noise_l1, vertices }
+        Truth {
+            wo,
+            frame,
+            albedo,
+            albedo_se,
+            bins,
+            mass,
+            mass_noise_l1,
+            vertices,
+        }
     }
 
     /// f_cos at `wi`, RGB, with multiple scattering averaged over all walks.
@@ -95,7 +110,10 @@ impl Truth {
 /// scatters more than once is exactly 1 − (single scattering of the white surface); walks only tell which
 /// share of it the reflectance keeps.
 fn albedo(bsdf: &Conductor, wo: DVec3, frame: &Frame) -> (DVec3, DVec3) {
-    let white = Conductor { reflectance: DVec3::ONE, ..bsdf.clone() };
+    let white = Conductor {
+        reflectance: DVec3::ONE,
+        ..bsdf.clone()
+    };
     let (mut single, mut single_white) = (DVec3::ZERO, 0.0);
     for k in 0..ALBEDO_NODES * ALBEDO_NODES {
         let s = crate::spline::cell_centre(k, ALBEDO_NODES);

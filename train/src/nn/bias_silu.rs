@@ -24,7 +24,8 @@ pub fn fast_exp(x: f32) -> f32 {
     let shifted = x * std::f32::consts::LOG2_E + ROUND;
     let n = shifted - ROUND;
     let r = (x - n * 0.693_145_75) - n * 1.428_606_8e-6;
-    let p = 1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r * (1.0 / 720.0))))));
+    let p = 1.0
+        + r * (1.0 + r * (0.5 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r * (1.0 / 720.0))))));
     let scale = f32::from_bits((shifted.to_bits() << 23).wrapping_add(127 << 23));
     p * scale
 }
@@ -49,11 +50,21 @@ impl CustomOp2 for BiasSilu {
         "bias_silu"
     }
 
-    fn cpu_fwd(&self, s1: &CpuStorage, l1: &Layout, s2: &CpuStorage, l2: &Layout) -> Result<(CpuStorage, Shape)> {
+    fn cpu_fwd(
+        &self,
+        s1: &CpuStorage,
+        l1: &Layout,
+        s2: &CpuStorage,
+        l2: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
         let (rows, width) = l1.shape().dims2()?;
         let (x, bias) = (contiguous(s1, l1)?, contiguous(s2, l2)?);
         if bias.len() != width || rows % self.columns != 0 {
-            bail!("bias_silu: {rows} rows of {width} in {} columns with {} biases", self.columns, bias.len());
+            bail!(
+                "bias_silu: {rows} rows of {width} in {} columns with {} biases",
+                self.columns,
+                bias.len()
+            );
         }
         let block = rows / self.columns * width;
         let mut y = vec![0f32; x.len()];
@@ -66,7 +77,8 @@ impl CustomOp2 for BiasSilu {
         for tangent in 1..self.columns {
             for start in (0..block).step_by(width) {
                 let t = tangent * block + start;
-                let (value, source, target) = (&x[start..start + width], &x[t..t + width], &mut y[t..t + width]);
+                let (value, source, target) =
+                    (&x[start..start + width], &x[t..t + width], &mut y[t..t + width]);
                 for i in 0..width {
                     let z = value[i] + bias[i];
                     let s = sigmoid(z);
@@ -86,11 +98,19 @@ impl CustomOp2 for BiasSilu {
     ) -> Result<(Option<Tensor>, Option<Tensor>)> {
         let (rows, width) = x.dims2()?;
         let gradient = gradient.contiguous()?;
-        let (xs, bs, gs) = (x.storage_and_layout(), bias.storage_and_layout(), gradient.storage_and_layout());
+        let (xs, bs, gs) = (
+            x.storage_and_layout(),
+            bias.storage_and_layout(),
+            gradient.storage_and_layout(),
+        );
         let (Storage::Cpu(xc), Storage::Cpu(bc), Storage::Cpu(gc)) = (&*xs.0, &*bs.0, &*gs.0) else {
             bail!("bias_silu runs on the CPU only")
         };
-        let (x_values, b, g) = (contiguous(xc, xs.1)?, contiguous(bc, bs.1)?, contiguous(gc, gs.1)?);
+        let (x_values, b, g) = (
+            contiguous(xc, xs.1)?,
+            contiguous(bc, bs.1)?,
+            contiguous(gc, gs.1)?,
+        );
         let block = rows / self.columns * width;
         let mut dx = vec![0f32; x_values.len()];
         let mut db = vec![0f32; width];
@@ -118,7 +138,10 @@ impl CustomOp2 for BiasSilu {
             }
         }
         let device = x.device();
-        Ok((Some(Tensor::from_vec(dx, (rows, width), device)?), Some(Tensor::from_vec(db, width, device)?)))
+        Ok((
+            Some(Tensor::from_vec(dx, (rows, width), device)?),
+            Some(Tensor::from_vec(db, width, device)?),
+        ))
     }
 }
 
@@ -145,11 +168,17 @@ mod tests {
     fn agrees_with_plain_candle_forward_and_backward() -> Result<()> {
         let (rows, width) = (20, 8);
         let mut rng = Rng::new(&[3]);
-        let mut random = |n: usize| (0..n).map(|_| 4.0 * rng.uniform() as f32 - 2.0).collect::<Vec<_>>();
+        let mut random = |n: usize| {
+            (0..n)
+                .map(|_| 4.0 * rng.uniform() as f32 - 2.0)
+                .collect::<Vec<_>>()
+        };
         let x = Var::from_vec(random(3 * rows * width), (3 * rows, width), &Device::Cpu)?;
         let bias = Var::from_vec(random(width), width, &Device::Cpu)?;
         let weights = Tensor::from_vec(random(3 * rows * width), (3 * rows, width), &Device::Cpu)?;
-        let ours = x.as_tensor().apply_op2(bias.as_tensor(), BiasSilu { columns: 3 })?;
+        let ours = x
+            .as_tensor()
+            .apply_op2(bias.as_tensor(), BiasSilu { columns: 3 })?;
         let z = x.narrow(0, 0, rows)?.broadcast_add(bias.as_tensor())?;
         let s = candle_nn::ops::sigmoid(&z)?;
         let slope = (&s * ((&z * (1.0 - &s)?)? + 1.0)?)?;
@@ -158,7 +187,10 @@ mod tests {
         let plain = Tensor::cat(&[(&z * &s)?, a?, b?], 0)?;
         let largest = |t: &Tensor| t.abs()?.flatten_all()?.max(0)?.to_scalar::<f32>();
         assert!(largest(&(&ours - &plain)?)? < GRADIENT_TOL * largest(&plain)?);
-        let (go, gp) = ((&ours * &weights)?.sum_all()?.backward()?, (&plain * &weights)?.sum_all()?.backward()?);
+        let (go, gp) = (
+            (&ours * &weights)?.sum_all()?.backward()?,
+            (&plain * &weights)?.sum_all()?.backward()?,
+        );
         for var in [&x, &bias] {
             let (o, p) = (go.get(var).expect("used"), gp.get(var).expect("used"));
             assert!(largest(&(o - p)?)? < GRADIENT_TOL * largest(p)?);

@@ -39,10 +39,18 @@ impl FrameNetwork {
         folder: &Path,
         tick: Tick,
     ) -> Result<FrameNetwork> {
-        let context = format!("{} frames, anchor {:?}", directions.len(), spec.frame.anchor_alpha);
+        // The targets are fitted to the whole material, not to its roughness alone.
+        let context = format!(
+            "{:?} {} frames, anchor {:?}",
+            spec.material,
+            directions.len(),
+            spec.frame.anchor_alpha
+        );
         let trainer = Trainer::new(plan, &spec.frame_layers(), folder, &context)?;
-        let features: Vec<[f32; GRAZING_FEATURES]> =
-            directions.iter().map(|wo| grazing(*wo).map(|v| v as f32)).collect();
+        let features: Vec<[f32; GRAZING_FEATURES]> = directions
+            .iter()
+            .map(|wo| grazing(*wo).map(|v| v as f32))
+            .collect();
         let mlp = trainer.run(
             |mlp: &Mlp, _, batch, rng| {
                 let (mut x, mut y) = (Vec::new(), Vec::new());
@@ -57,6 +65,9 @@ impl FrameNetwork {
             },
             tick,
         )?;
-        Ok(FrameNetwork { layers: mlp.to_dense()?, anchor_alpha: spec.frame.anchor_alpha })
+        Ok(FrameNetwork {
+            layers: mlp.to_dense()?,
+            anchor_alpha: spec.frame.anchor_alpha,
+        })
     }
 }

@@ -28,8 +28,15 @@ impl Mlp {
         let dense = shapes.iter().enumerate().map(|(i, &(inputs, outputs))| {
             let gain = if i == last { LAST_LAYER_SCALE } else { 2.0 };
             let scale = (gain / inputs as f64).sqrt();
-            let weight = (0..inputs * outputs).map(|_| (scale * normal(rng)) as f32).collect();
-            Dense { weight, bias: vec![0.0; outputs], inputs, outputs }
+            let weight = (0..inputs * outputs)
+                .map(|_| (scale * normal(rng)) as f32)
+                .collect();
+            Dense {
+                weight,
+                bias: vec![0.0; outputs],
+                inputs,
+                outputs,
+            }
         });
         Mlp::from_dense(&dense.collect::<Vec<_>>())
     }
@@ -40,7 +47,9 @@ impl Mlp {
             let weight = Var::from_vec(d.weight.clone(), (d.outputs, d.inputs), &Device::Cpu)?;
             Ok((weight, Var::from_vec(d.bias.clone(), d.outputs, &Device::Cpu)?))
         };
-        Ok(Mlp { layers: dense.iter().map(var).collect::<Result<_>>()? })
+        Ok(Mlp {
+            layers: dense.iter().map(var).collect::<Result<_>>()?,
+        })
     }
 
     /// The weights as the runtime takes them.
@@ -48,7 +57,12 @@ impl Mlp {
         let dense = |(weight, bias): &(Var, Var)| -> Result<Dense> {
             let (outputs, inputs) = weight.dims2()?;
             let weight = weight.flatten_all()?.to_vec1::<f32>()?;
-            Ok(Dense { weight, bias: bias.to_vec1::<f32>()?, inputs, outputs })
+            Ok(Dense {
+                weight,
+                bias: bias.to_vec1::<f32>()?,
+                inputs,
+                outputs,
+            })
         };
         self.layers.iter().map(dense).collect()
     }

@@ -2,7 +2,7 @@
 
 use crate::maps::{CELLS, MappedSlice};
 use crate::slice::LUMINANCE;
-use crate::spline::Spline;
+use crate::spline::EdgeSpline;
 use bake_runtime::Rng;
 use bake_runtime::encoding::{GRAZING_FEATURES, grazing};
 use glam::DVec3;
@@ -15,9 +15,9 @@ const GRAZING_EXPONENT: f64 = 1.3;
 /// What the training of a material draws from.
 pub struct TrainingSet {
     /// ln of the luminance density, mean 1 over the square, per slice.
-    pub log_luminance: Arc<Vec<Spline>>,
+    pub log_luminance: Arc<Vec<EdgeSpline>>,
     /// ln of f_cos·dω/ds per channel, per slice.
-    pub log_density: [Arc<Vec<Spline>>; 3],
+    pub log_density: [Arc<Vec<EdgeSpline>>; 3],
     /// Albedo of every slice.
     pub albedo: Vec<DVec3>,
     /// Features of every slice's `wo`.
@@ -41,13 +41,13 @@ impl TrainingSet {
         let plane = |c: usize| {
             let spline = |s: &&MappedSlice| {
                 let values: Vec<f64> = s.table.log_density[c].iter().map(|&v| f64::from(v)).collect();
-                Spline::new(&values, s.table.cells)
+                EdgeSpline::new(&values, s.table.cells)
             };
             Arc::new(order.par_iter().map(spline).collect::<Vec<_>>())
         };
         let luminance = |s: &&MappedSlice| {
             let logs: Vec<f64> = s.table.luminance().iter().map(|q| q.ln()).collect();
-            Spline::new(&logs, s.table.cells)
+            EdgeSpline::new(&logs, s.table.cells)
         };
         TrainingSet {
             log_luminance: Arc::new(order.par_iter().map(luminance).collect()),
@@ -69,7 +69,10 @@ impl TrainingSet {
             let bound = |v: f64| (v as f32).clamp(bake_runtime::spec::U_MIN as f32, 1.0 - f32::EPSILON / 2.0);
             positions.push(rng.pair().map(bound));
         }
-        Batch { slices: Arc::new(slices), positions }
+        Batch {
+            slices: Arc::new(slices),
+            positions,
+        }
     }
 
     /// The importance map of slice `k` at `u`: bilinear between cell centres, with every edge of the square
@@ -91,7 +94,15 @@ impl TrainingSet {
         let node = |i: usize, j: usize| {
             let inside = |k: usize| k.clamp(1, n) - 1;
             let p = self.maps[k][inside(j) * n + inside(i)];
-            let pin = |v: f32, k: usize| if k == 0 { 0.0 } else if k == n + 1 { 1.0 } else { v };
+            let pin = |v: f32, k: usize| {
+                if k == 0 {
+                    0.0
+                } else if k == n + 1 {
+                    1.0
+                } else {
+                    v
+                }
+            };
             [pin(p[0], i), pin(p[1], j)]
         };
         let (a, b, c, d) = (node(i, j), node(i + 1, j), node(i, j + 1), node(i + 1, j + 1));

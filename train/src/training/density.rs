@@ -23,7 +23,11 @@ const DET_MIN: f64 = 1e-3;
 /// Scalars of the local direction in front of the features of wo.
 const LOCAL_FEATURES: usize = 3;
 
-fn features(set: &TrainingSet, slices: &[usize], positions: impl Iterator<Item = [f32; 2]>) -> Result<Tensor> {
+fn features(
+    set: &TrainingSet,
+    slices: &[usize],
+    positions: impl Iterator<Item = [f32; 2]>,
+) -> Result<Tensor> {
     let width = LOCAL_FEATURES + GRAZING_FEATURES;
     let mut rows = Vec::with_capacity(slices.len() * width);
     for (k, s) in slices.iter().zip(positions) {
@@ -40,7 +44,14 @@ fn features(set: &TrainingSet, slices: &[usize], positions: impl Iterator<Item =
 ///
 /// # Errors
 /// As [`Trainer::run`].
-pub fn train_eval(spec: &NetworkSpec, plan: Plan, set: &TrainingSet, folder: &Path, context: &str, tick: Tick) -> Result<Mlp> {
+pub fn train_eval(
+    spec: &NetworkSpec,
+    plan: Plan,
+    set: &TrainingSet,
+    folder: &Path,
+    context: &str,
+    tick: Tick,
+) -> Result<Mlp> {
     let trainer = Trainer::new(plan, &spec.layers(), folder, context)?;
     trainer.run(
         |mlp, _, size, rng| {

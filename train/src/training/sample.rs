@@ -34,13 +34,24 @@ const U_FEATURES: usize = 2;
 ///
 /// # Errors
 /// As [`Trainer::run`].
-pub fn train(spec: &NetworkSpec, plan: Plan, set: &TrainingSet, folder: &Path, context: &str, tick: Tick) -> Result<Mlp> {
+pub fn train(
+    spec: &NetworkSpec,
+    plan: Plan,
+    set: &TrainingSet,
+    folder: &Path,
+    context: &str,
+    tick: Tick,
+) -> Result<Mlp> {
     let map_steps = (plan.steps as f64 * MAP_SHARE) as u64;
     let trainer = Trainer::new(plan, &spec.layers(), folder, context)?;
     trainer.run(
         |mlp, step, size, rng| {
             let batch = set.draw(size, rng);
-            if step < map_steps { map_loss(mlp, set, &batch) } else { density_loss(mlp, set, &batch) }
+            if step < map_steps {
+                map_loss(mlp, set, &batch)
+            } else {
+                density_loss(mlp, set, &batch)
+            }
         },
         tick,
     )
@@ -69,15 +80,26 @@ pub fn features(set: &TrainingSet, batch: &Batch, tangents: bool) -> Result<Tens
 /// Position h = σ(logit u + g) `[B, 2]` from rows of outputs.
 fn positions(batch: &Batch, output: &Tensor) -> Result<Tensor> {
     let size = batch.positions.len();
-    let logits = batch.positions.iter().flat_map(|u| u.map(|v| (v / (1.0 - v)).ln())).collect();
+    let logits = batch
+        .positions
+        .iter()
+        .flat_map(|u| u.map(|v| (v / (1.0 - v)).ln()))
+        .collect();
     let logits = Tensor::from_vec(logits, (size, 2), &Device::Cpu)?;
-    let shift = output.narrow(0, 0, size)?.narrow(1, 0, 2)?.clamp(-WARP_SHIFT_MAX, WARP_SHIFT_MAX)?;
+    let shift = output
+        .narrow(0, 0, size)?
+        .narrow(1, 0, 2)?
+        .clamp(-WARP_SHIFT_MAX, WARP_SHIFT_MAX)?;
     Ok(sigmoid(&(logits + shift)?)?)
 }
 
 fn map_distance(set: &TrainingSet, batch: &Batch, h: &Tensor) -> Result<Tensor> {
-    let targets: Vec<f32> =
-        batch.slices.iter().zip(&batch.positions).flat_map(|(k, u)| set.map_at(*k, *u)).collect();
+    let targets: Vec<f32> = batch
+        .slices
+        .iter()
+        .zip(&batch.positions)
+        .flat_map(|(k, u)| set.map_at(*k, *u))
+        .collect();
     let targets = Tensor::from_vec(targets, (batch.positions.len(), 2), &Device::Cpu)?;
     Ok(((h - targets)?.abs()?.mean_all()? * 2.0)?)
 }
@@ -93,12 +115,15 @@ pub fn warp(mlp: &Mlp, set: &TrainingSet, batch: &Batch) -> Result<(Tensor, Tens
     let output = mlp.forward(&features(set, batch, true)?, 3)?;
     let h = positions(batch, &output)?;
     // ∂h_c/∂u_j = h_c(1 − h_c)/v_c · (δ_cj + v_c·∂g_c/∂u_j) with v = u(1 − u).
-    let spread: Vec<f32> = batch.positions.iter().flat_map(|u| u.map(|v| v * (1.0 - v))).collect();
+    let spread: Vec<f32> = batch
+        .positions
+        .iter()
+        .flat_map(|u| u.map(|v| v * (1.0 - v)))
+        .collect();
     let spread = Tensor::from_vec(spread, (size, 2), &Device::Cpu)?;
     let slope = ((&h * (1.0 - &h)?)? / &spread)?;
-    let tangent = |t: usize| -> Result<Tensor> {
-        Ok((output.narrow(0, t * size, size)?.narrow(1, 0, 2)? * &spread)?)
-    };
+    let tangent =
+        |t: usize| -> Result<Tensor> { Ok((output.narrow(0, t * size, size)?.narrow(1, 0, 2)? * &spread)?) };
     let (by_x, by_y) = (tangent(1)?, tangent(2)?);
     let column = |t: &Tensor, c: usize| -> Result<Tensor> { Ok(t.narrow(1, c, 1)?.squeeze(1)?) };
     let diagonal = ((column(&by_x, 0)? + 1.0)? * (column(&by_y, 1)? + 1.0)?)?;
@@ -110,7 +135,10 @@ pub fn warp(mlp: &Mlp, set: &TrainingSet, batch: &Batch) -> Result<(Tensor, Tens
 fn density_loss(mlp: &Mlp, set: &TrainingSet, batch: &Batch) -> Result<Tensor> {
     let (h, det, output) = warp(mlp, set, batch)?;
     let h = h.contiguous()?;
-    let log_q = h.apply_op1(Lookup { splines: set.log_luminance.clone(), indices: batch.slices.clone() })?;
+    let log_q = h.apply_op1(Lookup {
+        splines: set.log_luminance.clone(),
+        indices: batch.slices.clone(),
+    })?;
     let ratio = (log_q.exp()? * &det)?;
     let linear = ((&ratio * (1.0 / RATIO_FLOOR))? + (RATIO_FLOOR.ln() - 1.0))?;
     let small = ratio.lt(RATIO_FLOOR)?;
@@ -120,7 +148,10 @@ fn density_loss(mlp: &Mlp, set: &TrainingSet, batch: &Batch) -> Result<Tensor> {
     let detached = h.detach();
     let mut targets = Vec::new();
     for splines in &set.log_density {
-        let lookup = Lookup { splines: splines.clone(), indices: batch.slices.clone() };
+        let lookup = Lookup {
+            splines: splines.clone(),
+            indices: batch.slices.clone(),
+        };
         targets.push((detached.apply_op1_no_bwd(&lookup)?.exp()? * det.detach())?);
     }
     let targets = Tensor::stack(&targets, 1)?.clamp(0f32, WEIGHT_MAX)?;

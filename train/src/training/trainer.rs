@@ -75,7 +75,13 @@ impl Trainer {
         let optimiser = Optimiser::new(parameters.collect::<candle_core::Result<_>>()?);
         let fingerprint = format!("{plan:?} {shapes:?} {context}");
         let checkpoint = folder.join(format!("train-{}.safetensors", plan.stage));
-        let mut trainer = Trainer { plan, mlp, optimiser, checkpoint, fingerprint };
+        let mut trainer = Trainer {
+            plan,
+            mlp,
+            optimiser,
+            checkpoint,
+            fingerprint,
+        };
         trainer.take_up_checkpoint()?;
         Ok(trainer)
     }
@@ -110,12 +116,23 @@ impl Trainer {
             let mean = shards.iter().map(|(value, _)| value).sum::<f64>() / SHARDS as f64;
             if !mean.is_finite() {
                 self.save()?;
-                return Err(Error::Diverged { stage: self.plan.stage.into(), step, loss: mean });
+                return Err(Error::Diverged {
+                    stage: self.plan.stage.into(),
+                    step,
+                    loss: mean,
+                });
             }
-            let mut total: Vec<Vec<f32>> = self.optimiser.parameters.iter().map(|p| vec![0.0; p.value.len()]).collect();
+            let mut total: Vec<Vec<f32>> = self
+                .optimiser
+                .parameters
+                .iter()
+                .map(|p| vec![0.0; p.value.len()])
+                .collect();
             for (_, gradient) in &shards {
                 for (sum, part) in total.iter_mut().zip(gradient) {
-                    sum.iter_mut().zip(part).for_each(|(s, g)| *s += g / SHARDS as f32);
+                    sum.iter_mut()
+                        .zip(part)
+                        .for_each(|(s, g)| *s += g / SHARDS as f32);
                 }
             }
             self.optimiser.descend(&total, self.rate(step));
@@ -154,10 +171,14 @@ impl Trainer {
         tensors.push(("step".into(), vec![1], self.optimiser.step.to_le_bytes().to_vec()));
         let views = tensors.iter().map(|(name, shape, data)| {
             let dtype = if name == "step" { Dtype::U64 } else { Dtype::F32 };
-            (name.as_str(), TensorView::new(dtype, shape.clone(), data).expect("shape matches data by construction"))
+            (
+                name.as_str(),
+                TensorView::new(dtype, shape.clone(), data).expect("shape matches data by construction"),
+            )
         });
         let metadata = HashMap::from([(FINGERPRINT_KEY.to_string(), self.fingerprint.clone())]);
-        let bytes = safetensors::serialize(views, Some(metadata)).expect("tensor names are unique by construction");
+        let bytes =
+            safetensors::serialize(views, Some(metadata)).expect("tensor names are unique by construction");
         Ok(write_atomically(&self.checkpoint, &bytes)?)
     }
 
@@ -165,19 +186,32 @@ impl Trainer {
         if !self.checkpoint.exists() {
             return Ok(());
         }
-        let broken = |reason: String| Error::Checkpoint { path: self.checkpoint.clone(), reason };
+        let broken = |reason: String| Error::Checkpoint {
+            path: self.checkpoint.clone(),
+            reason,
+        };
         let bytes = std::fs::read(&self.checkpoint).map_err(|e| broken(e.to_string()))?;
-        let file = SafeTensors::deserialize(&bytes).map_err(|e| broken(format!("not a whole checkpoint ({e})")))?;
+        let file =
+            SafeTensors::deserialize(&bytes).map_err(|e| broken(format!("not a whole checkpoint ({e})")))?;
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| broken(e.to_string()))?;
         let found = header.metadata().as_ref().and_then(|m| m.get(FINGERPRINT_KEY));
         if found != Some(&self.fingerprint) {
             return Err(broken("it belongs to another training run".into()));
         }
         let read = |name: String, length: usize| -> Result<Vec<f32>> {
-            let view = file.tensor(&name).map_err(|_| broken(format!("tensor `{name}` is missing")))?;
-            let values: Vec<f32> =
-                view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
-            if values.len() == length { Ok(values) } else { Err(broken(format!("tensor `{name}` has the wrong size"))) }
+            let view = file
+                .tensor(&name)
+                .map_err(|_| broken(format!("tensor `{name}` is missing")))?;
+            let values: Vec<f32> = view
+                .data()
+                .chunks_exact(4)
+                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+                .collect();
+            if values.len() == length {
+                Ok(values)
+            } else {
+                Err(broken(format!("tensor `{name}` has the wrong size")))
+            }
         };
         let load = |(i, p): (usize, &Parameter)| -> Result<Parameter> {
             let n = p.value.len();
@@ -188,10 +222,24 @@ impl Trainer {
                 ..p.clone()
             })
         };
-        let parameters = self.optimiser.parameters.iter().enumerate().map(load).collect::<Result<Vec<_>>>()?;
-        let step = file.tensor("step").map_err(|_| broken("tensor `step` is missing".into()))?;
-        let step = step.data().try_into().map_err(|_| broken("tensor `step` has the wrong size".into()))?;
-        self.optimiser = Optimiser { parameters, step: u64::from_le_bytes(step) };
+        let parameters = self
+            .optimiser
+            .parameters
+            .iter()
+            .enumerate()
+            .map(load)
+            .collect::<Result<Vec<_>>>()?;
+        let step = file
+            .tensor("step")
+            .map_err(|_| broken("tensor `step` is missing".into()))?;
+        let step = step
+            .data()
+            .try_into()
+            .map_err(|_| broken("tensor `step` has the wrong size".into()))?;
+        self.optimiser = Optimiser {
+            parameters,
+            step: u64::from_le_bytes(step),
+        };
         self.publish()
     }
 }
@@ -203,11 +251,17 @@ fn gradients(mlp: &Mlp, loss: &Tensor) -> Result<(f64, Vec<Vec<f32>>)> {
         Some(g) => Ok(g.flatten_all()?.to_vec1::<f32>()?),
         None => Ok(vec![0.0; var.elem_count()]),
     };
-    let all = mlp.vars().into_iter().map(gradient).collect::<candle_core::Result<_>>()?;
+    let all = mlp
+        .vars()
+        .into_iter()
+        .map(gradient)
+        .collect::<candle_core::Result<_>>()?;
     Ok((f64::from(loss.to_scalar::<f32>()?), all))
 }
 
 /// FNV-1a of a stage's name: part of the key of its random numbers.
 fn hash(text: &str) -> u64 {
-    text.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
+    text.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| {
+        (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
+    })
 }

@@ -16,7 +16,11 @@ pub struct Banded {
 impl Banded {
     /// The zero matrix.
     pub fn zeros(size: usize, bandwidth: usize) -> Banded {
-        Banded { size, bandwidth, rows: vec![0.0; size * (2 * bandwidth + 1)] }
+        Banded {
+            size,
+            bandwidth,
+            rows: vec![0.0; size * (2 * bandwidth + 1)],
+        }
     }
 
     /// Adds `value` at (`row`, `column`), which must lie in the band.
@@ -45,7 +49,10 @@ impl Banded {
                 if factor == 0.0 {
                     continue;
                 }
-                for (a, p) in row[first + 1..first + 1 + pivot_row.len()].iter_mut().zip(pivot_row) {
+                for (a, p) in row[first + 1..first + 1 + pivot_row.len()]
+                    .iter_mut()
+                    .zip(pivot_row)
+                {
                     *a -= factor * p;
                 }
                 for column in right.iter_mut() {
@@ -57,7 +64,11 @@ impl Banded {
             let row = &self.rows[i * width..(i + 1) * width];
             let count = w.min(n - 1 - i);
             for column in right.iter_mut() {
-                let known: f64 = row[w + 1..w + 1 + count].iter().zip(&column[i + 1..]).map(|(a, x)| a * x).sum();
+                let known: f64 = row[w + 1..w + 1 + count]
+                    .iter()
+                    .zip(&column[i + 1..])
+                    .map(|(a, x)| a * x)
+                    .sum();
                 column[i] = (column[i] - known) / row[w];
             }
         }
@@ -87,7 +98,9 @@ mod tests {
             }
         }
         let x: Vec<f64> = (0..n).map(|_| rng.uniform()).collect();
-        let b: Vec<f64> = (0..n).map(|i| (0..n).map(|j| dense[i * n + j] * x[j]).sum()).collect();
+        let b: Vec<f64> = (0..n)
+            .map(|i| (0..n).map(|j| dense[i * n + j] * x[j]).sum())
+            .collect();
         let mut right = [b];
         assert!(matrix.solve(&mut right));
         assert!(right[0].iter().zip(&x).all(|(a, b)| (a - b).abs() < RESIDUAL_TOL));

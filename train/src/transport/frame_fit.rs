@@ -32,7 +32,11 @@ pub fn fit(f_cos: impl Fn([f64; 3]) -> f64, start: Frame) -> Frame {
             mass += q;
             weight += 2.0 * q * z * z;
             mean = [mean[0] + 2.0 * q * x * z, mean[1] + 2.0 * q * y * z];
-            second = [second[0] + 2.0 * q * x * x, second[1] + 2.0 * q * x * y, second[2] + 2.0 * q * y * y];
+            second = [
+                second[0] + 2.0 * q * x * x,
+                second[1] + 2.0 * q * x * y,
+                second[2] + 2.0 * q * y * y,
+            ];
         }
         if !(mass > 0.0 && weight > 0.0) {
             return frame;
@@ -40,7 +44,10 @@ pub fn fit(f_cos: impl Fn([f64; 3]) -> f64, start: Frame) -> Frame {
         let b = [mean[0] / weight, mean[1] / weight];
         let covariance = |s: f64, i: usize, j: usize| 2.0 * (s - weight * b[i] * b[j]) / mass;
         let xx = covariance(second[0], 0, 0) + COVARIANCE_FLOOR;
-        let (xy, yy) = (covariance(second[1], 0, 1), covariance(second[2], 1, 1) + COVARIANCE_FLOOR);
+        let (xy, yy) = (
+            covariance(second[1], 0, 1),
+            covariance(second[2], 1, 1) + COVARIANCE_FLOOR,
+        );
         // Cholesky factor of the covariance: a step in the same lower-triangular form as the frame itself.
         let l11 = xx.sqrt();
         let l21 = xy / l11;
@@ -49,9 +56,17 @@ pub fn fit(f_cos: impl Fn([f64; 3]) -> f64, start: Frame) -> Frame {
             x: frame.x * l11,
             y: frame.y * l22,
             shear: (frame.shear * l11 + l21) / l22,
-            b: [frame.b[0] + frame.x * b[0], frame.b[1] + frame.y * (frame.shear * b[0] + b[1])],
+            b: [
+                frame.b[0] + frame.x * b[0],
+                frame.b[1] + frame.y * (frame.shear * b[0] + b[1]),
+            ],
         };
-        let change = b[0].abs().max(b[1].abs()).max((l11 - 1.0).abs()).max((l22 - 1.0).abs()).max(l21.abs());
+        let change = b[0]
+            .abs()
+            .max(b[1].abs())
+            .max((l11 - 1.0).abs())
+            .max((l22 - 1.0).abs())
+            .max(l21.abs());
         if change < CONVERGED {
             break;
         }
@@ -68,11 +83,18 @@ mod tests {
 
     #[test]
     fn recovers_the_frame_that_made_the_density() {
-        let truth = Frame { x: 0.35, y: 0.2, shear: 0.4, b: [-1.2, 0.5] };
+        let truth = Frame {
+            x: 0.35,
+            y: 0.2,
+            shear: 0.4,
+            b: [-1.2, 0.5],
+        };
         let found = fit(|w| truth.to_local(w).1, Frame::IDENTITY);
         assert!((found.x / truth.x - 1.0).abs() < RECOVERY_TOL, "{found:?}");
         assert!((found.y / truth.y - 1.0).abs() < RECOVERY_TOL);
         assert!((found.shear - truth.shear).abs() < RECOVERY_TOL * 10.0);
-        assert!((found.b[0] - truth.b[0]).abs() < RECOVERY_TOL && (found.b[1] - truth.b[1]).abs() < RECOVERY_TOL);
+        assert!(
+            (found.b[0] - truth.b[0]).abs() < RECOVERY_TOL && (found.b[1] - truth.b[1]).abs() < RECOVERY_TOL
+        );
     }
 }

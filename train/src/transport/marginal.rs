@@ -22,9 +22,16 @@ fn cumulate(values: impl Iterator<Item = f64>) -> Vec<f64> {
 impl MarginalMap {
     /// The map onto `mass` (`cells`², row-major, first coordinate along rows).
     pub fn new(mass: &[f64], cells: usize) -> MarginalMap {
-        let rows: Vec<Vec<f64>> = mass.chunks_exact(cells).map(|row| cumulate(row.iter().copied())).collect();
+        let rows: Vec<Vec<f64>> = mass
+            .chunks_exact(cells)
+            .map(|row| cumulate(row.iter().copied()))
+            .collect();
         let marginal = cumulate(rows.iter().map(|r| r[cells]));
-        MarginalMap { cells, rows, marginal }
+        MarginalMap {
+            cells,
+            rows,
+            marginal,
+        }
     }
 
     /// Image of `u` in the unit square.

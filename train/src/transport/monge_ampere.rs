@@ -8,7 +8,7 @@
 //! solution, and a c away from zero is what gives that away.
 
 use super::banded::Banded;
-use crate::spline::{Spline, cell_centre};
+use crate::spline::{EdgeSpline, Spline, cell_centre};
 
 /// A solve whose |c| exceeds this is rejected.
 pub const CONSTANT_MAX: f64 = 0.05;
@@ -81,10 +81,14 @@ impl Stencil {
 }
 
 /// Evaluates the equation; `None` where the map folds.
-fn evaluate(log_q: &Spline, n: usize, phi: &[f64], constant: f64, temperature: f64) -> Option<Iterate> {
+fn evaluate(log_q: &EdgeSpline, n: usize, phi: &[f64], constant: f64, temperature: f64) -> Option<Iterate> {
     let stencil = Stencil { n };
-    let mut iterate =
-        Iterate { residual: Vec::with_capacity(n * n), rms: 0.0, terms: Vec::with_capacity(n * n), map: Vec::with_capacity(n * n) };
+    let mut iterate = Iterate {
+        residual: Vec::with_capacity(n * n),
+        rms: 0.0,
+        terms: Vec::with_capacity(n * n),
+        map: Vec::with_capacity(n * n),
+    };
     for k in 0..n * n {
         let [x, y, xx, yy, xy] = stencil.derivatives(phi, k % n, k / n);
         let (a, b) = (1.0 + xx, 1.0 + yy);
@@ -98,7 +102,14 @@ fn evaluate(log_q: &Spline, n: usize, phi: &[f64], constant: f64, temperature: f
         let residual = det.ln() + temperature * value - constant;
         iterate.rms += residual * residual;
         iterate.residual.push(residual);
-        iterate.terms.push([a, b, xy, det, temperature * gradient[0], temperature * gradient[1]]);
+        iterate.terms.push([
+            a,
+            b,
+            xy,
+            det,
+            temperature * gradient[0],
+            temperature * gradient[1],
+        ]);
         iterate.map.push(image);
     }
     iterate.rms = (iterate.rms / (n * n) as f64).sqrt();
@@ -149,13 +160,23 @@ fn newton_step(iterate: &Iterate, n: usize) -> Option<(Vec<f64>, f64)> {
     let [base, per_constant] = columns;
     let dot = |v: &[f64]| last_row.iter().map(|&(k, w)| w * v[k]).sum::<f64>();
     let constant = (-iterate.residual[last] - dot(&base)) / (dot(&per_constant) - 1.0);
-    let mut step: Vec<f64> = base.iter().zip(&per_constant).map(|(a, b)| a + constant * b).collect();
+    let mut step: Vec<f64> = base
+        .iter()
+        .zip(&per_constant)
+        .map(|(a, b)| a + constant * b)
+        .collect();
     step.push(0.0);
     (constant.is_finite() && step.iter().all(|v| v.is_finite())).then_some((step, constant))
 }
 
 /// Newton's method on one grid from `phi`, tempering the density from `first` to 1.
-fn solve_on_grid(log_q: &Spline, n: usize, phi: Vec<f64>, first: f64, steps_max: usize) -> Option<Transport> {
+fn solve_on_grid(
+    log_q: &EdgeSpline,
+    n: usize,
+    phi: Vec<f64>,
+    first: f64,
+    steps_max: usize,
+) -> Option<Transport> {
     let (mut phi, mut constant, mut temperature, mut advance) = (phi, 0.0, first, FIRST_TEMPERATURE);
     let mut reached = phi.clone();
     let mut steps = 0;
@@ -166,28 +187,41 @@ fn solve_on_grid(log_q: &Spline, n: usize, phi: Vec<f64>, first: f64, steps_max:
         iterate = evaluate(log_q, n, &phi, constant, temperature)?;
         let goal = if temperature >= 1.0 { CONVERGED } else { TEMPERED };
         while iterate.rms > goal && steps < steps_max {
-            let Some((step, step_constant)) = newton_step(&iterate, n) else { break };
+            let Some((step, step_constant)) = newton_step(&iterate, n) else {
+                break;
+            };
             steps += 1;
             let mut length = 1.0;
             let next = loop {
                 let trial: Vec<f64> = phi.iter().zip(&step).map(|(p, d)| p + length * d).collect();
                 let trial_constant = constant + length * step_constant;
                 match evaluate(log_q, n, &trial, trial_constant, temperature) {
-                    Some(e) if e.rms < (1.0 - 0.1 * length) * iterate.rms => break Some((trial, trial_constant, e)),
+                    Some(e) if e.rms < (1.0 - 0.1 * length) * iterate.rms => {
+                        break Some((trial, trial_constant, e));
+                    }
                     _ => length *= 0.5,
                 }
                 if length < SHORTEST_STEP {
                     break None;
                 }
             };
-            let Some((trial, trial_constant, e)) = next else { break };
+            let Some((trial, trial_constant, e)) = next else {
+                break;
+            };
             (phi, constant, iterate) = (trial, trial_constant, e);
         }
         let enough = if temperature >= 1.0 { ACCEPTED } else { TEMPERED };
         if iterate.rms <= enough {
             if temperature >= 1.0 {
                 let Iterate { rms, map, .. } = iterate;
-                return Some(Transport { cells: n, potential: phi, map, constant, residual: rms, steps });
+                return Some(Transport {
+                    cells: n,
+                    potential: phi,
+                    map,
+                    constant,
+                    residual: rms,
+                    steps,
+                });
             }
             reached.clone_from(&phi);
             temperature = (temperature + advance).min(1.0);
@@ -215,13 +249,19 @@ fn refine(coarse: &Transport) -> Vec<f64> {
 ///
 /// `near`: potential of a neighbouring slice on the same grid, tried first. `None` where Newton's method
 /// fails or ends on a solution whose constant betrays it.
-pub fn solve(log_q: &Spline, cells: usize, near: Option<&[f64]>) -> Option<Transport> {
+pub fn solve(log_q: &EdgeSpline, cells: usize, near: Option<&[f64]>) -> Option<Transport> {
     let trusted = |t: &Transport| t.constant.abs() <= CONSTANT_MAX;
     let warm = near.and_then(|phi| solve_on_grid(log_q, cells, phi.to_vec(), 1.0, WARM_STEPS));
     if let Some(transport) = warm.filter(trusted) {
         return Some(transport);
     }
-    let mut transport = solve_on_grid(log_q, COARSEST, vec![0.0; COARSEST * COARSEST], FIRST_TEMPERATURE, COLD_STEPS)?;
+    let mut transport = solve_on_grid(
+        log_q,
+        COARSEST,
+        vec![0.0; COARSEST * COARSEST],
+        FIRST_TEMPERATURE,
+        COLD_STEPS,
+    )?;
     while transport.cells < cells {
         let steps = transport.steps;
         transport = solve_on_grid(log_q, 2 * transport.cells, refine(&transport), 1.0, WARM_STEPS)?;
@@ -233,6 +273,7 @@ pub fn solve(log_q: &Spline, cells: usize, near: Option<&[f64]>) -> Option<Trans
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::spline::edge_cell_centre;
 
     /// Second-order differences with 32 cells.
     const CLOSED_FORM_TOL: f64 = 2e-3;
@@ -242,16 +283,22 @@ mod tests {
     fn separable_density_gives_the_inversion_of_each_axis() {
         let n = 32;
         // q(x) = (1 + x)/1.5 has cdf (x + x²/2)/1.5; its inverse at u is √(1 + 3u) − 1.
-        let log_q: Vec<f64> = (0..64 * 64).map(|k| cell_centre(k, 64)).map(|s| ((1.0 + s[0]) * (2.0 - s[1]) / 2.25).ln()).collect();
-        let t = solve(&Spline::new(&log_q, 64), n, None).expect("a smooth density");
+        let log_q: Vec<f64> = (0..64 * 64)
+            .map(|k| edge_cell_centre(k, 64))
+            .map(|s| ((1.0 + s[0]) * (2.0 - s[1]) / 2.25).ln())
+            .collect();
+        let t = solve(&EdgeSpline::new(&log_q, 64), n, None).expect("a smooth density");
         assert!(t.constant.abs() < CLOSED_FORM_TOL);
         for (k, image) in t.map.iter().enumerate() {
             let u = cell_centre(k, n);
             let x = (1.0 + 3.0 * u[0]).sqrt() - 1.0;
             let y = 2.0 - (4.0 - 3.0 * u[1]).sqrt();
-            assert!((image[0] - x).abs() < CLOSED_FORM_TOL && (image[1] - y).abs() < CLOSED_FORM_TOL, "{image:?} {x} {y}");
+            assert!(
+                (image[0] - x).abs() < CLOSED_FORM_TOL && (image[1] - y).abs() < CLOSED_FORM_TOL,
+                "{image:?} {x} {y}"
+            );
         }
-        let warm = solve(&Spline::new(&log_q, 64), n, Some(&t.potential)).expect("its own solution");
+        let warm = solve(&EdgeSpline::new(&log_q, 64), n, Some(&t.potential)).expect("its own solution");
         assert!(warm.steps <= 1);
     }
 }

@@ -1,0 +1,248 @@
+//! Scene and material files: the shipped ones load, and every mistake is one sentence naming file and key.
+
+use bake_runtime::Material;
+use bake_runtime::material::{Family, Scalar};
+use bake_scenes::{Scene, load_material, load_scene};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const VASE: &str = include_str!("../vase/scene.toml");
+const GOLD: &str = include_str!("../materials/vase.toml");
+
+/// A copy of the shipped files with one text replaced in each.
+struct Copy {
+    folder: tempfile::TempDir,
+}
+
+impl Copy {
+    fn new(scene: [&str; 2], material: [&str; 2]) -> Copy {
+        let folder = tempfile::tempdir().unwrap();
+        for (path, text, [old, new]) in [
+            ("vase/scene.toml", VASE, scene),
+            ("materials/vase.toml", GOLD, material),
+        ] {
+            assert!(text.contains(old), "{old} is not in {path}");
+            let path = folder.path().join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text.replacen(old, new, 1)).unwrap();
+        }
+        Copy { folder }
+    }
+
+    fn scene(&self) -> PathBuf {
+        self.folder.path().join("vase")
+    }
+
+    fn material(&self) -> PathBuf {
+        self.folder.path().join("materials/vase.toml")
+    }
+}
+
+fn assert_names(error: &str, file: &str, parts: &[&str]) {
+    assert!(!error.contains('\n'), "more than one line: {error}");
+    for part in parts.iter().chain([&file]) {
+        assert!(error.contains(part), "`{part}` is not in: {error}");
+    }
+}
+
+#[test]
+fn vase_loads() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("vase");
+    let by_folder: Scene = load_scene(&folder).unwrap();
+    let by_file = load_scene(&folder.join("scene.toml")).unwrap();
+    assert_eq!((by_folder.name.as_str(), by_file.name.as_str()), ("vase", "vase"));
+    assert_eq!(
+        (by_folder.width, by_folder.height, by_folder.max_depth),
+        (256, 320, 6)
+    );
+    let expected = Material {
+        name: "vase".into(),
+        family: Family::Conductor,
+        alpha: [0.3, 0.1].map(Scalar::Fixed),
+        reflectance: [1.0, 0.782, 0.344].map(Scalar::Fixed),
+    };
+    assert_eq!(by_folder.materials().collect::<Vec<_>>(), [&expected]);
+}
+
+#[test]
+fn free_ranges_and_whole_numbers_load() {
+    let copy = Copy::new(
+        ["", ""],
+        ["alpha = [0.3, 0.1]", "alpha = [{ min = 0.01, max = 1 }, 1]"],
+    );
+    let material = load_material(&copy.material()).unwrap();
+    assert_eq!(
+        material.alpha,
+        [Scalar::Free { min: 0.01, max: 1.0 }, Scalar::Fixed(1.0)]
+    );
+}
+
+#[test]
+fn material_mistakes_are_named() {
+    let alpha = "alpha = [0.3, 0.1]";
+    let cases: [(&str, &str, &[&str]); 13] = [
+        ("family = ", "colour = 1\nfamily = ", &["unknown field", "colour"]),
+        (
+            "family = \"conductor\"",
+            "family = \"plastic\"",
+            &["family", "plastic", "conductor"],
+        ),
+        (alpha, "", &["missing field", "alpha"]),
+        (
+            alpha,
+            "alpha = [0.3, \"shiny\"]",
+            &["alpha[1]", "shiny", "a number or a range"],
+        ),
+        (alpha, "alpha = 0.3", &["alpha", "0.3"]),
+        (alpha, "alpha = [0.3]", &["alpha", "length"]),
+        (alpha, "alpha = [0.0, 0.1]", &["alpha[0]", "is 0"]),
+        (alpha, "alpha = [0.3, 1.5]", &["alpha[1]", "is 1.5"]),
+        (alpha, "alpha = [nan, 0.1]", &["alpha[0]", "NaN"]),
+        (
+            alpha,
+            "alpha = [{ min = 0.5, max = 0.2 }, 0.1]",
+            &["alpha[0]", "min 0.5 > max 0.2"],
+        ),
+        (alpha, "alpha = [{ min = 0.5 }, 0.1]", &["alpha[0]", "max"]),
+        (
+            alpha,
+            "alpha = [{ min = 0.1, max = 0.2, step = 1 }, 0.1]",
+            &["alpha[0]", "step"],
+        ),
+        (alpha, "alpha = [0.3, ", &["not valid TOML"]),
+    ];
+    for (old, new, parts) in cases {
+        let copy = Copy::new(["", ""], [old, new]);
+        let error = load_material(&copy.material()).expect_err(new).to_string();
+        assert_names(&error, "vase.toml", parts);
+        // The same mistake found through the scene names the material's file too.
+        let error = load_scene(&copy.scene()).err().expect(new).to_string();
+        assert_names(&error, "vase.toml", parts);
+    }
+}
+
+#[test]
+fn scene_mistakes_are_named() {
+    let sky = "[environment.sky]";
+    let cases: [(&str, &str, &[&str]); 20] = [
+        (
+            "width = 256",
+            "widht = 256",
+            &["picture", "unknown field", "widht"],
+        ),
+        ("width = 256", "width = -3", &["picture.width", "-3"]),
+        ("width = 256", "width = 0", &["picture.width", "is 0"]),
+        (
+            "max_depth = 6",
+            "max_depth = 1000",
+            &["picture.max_depth", "1000"],
+        ),
+        (
+            "exposure = 0.0",
+            "exposure = inf",
+            &["picture.exposure", "finite"],
+        ),
+        ("fov = 18.6", "fov = 180", &["camera.fov", "180"]),
+        (
+            "position = [0.0, 2.5, 7.6]",
+            "position = [0.0, nan, 7.6]",
+            &["camera.position"],
+        ),
+        (
+            "position = [0.0, 2.5, 7.6]",
+            "position = [0.0, 2.5, 0.0]",
+            &["camera.target"],
+        ),
+        (
+            sky,
+            "[environment.skies]",
+            &["environment", "unknown field", "skies"],
+        ),
+        (
+            sky,
+            "[environment]\nfile = \"a.exr\"\n[environment.sky]",
+            &["environment", "either `file`, or `sky`"],
+        ),
+        (
+            "horizon = [0.09, 0.093, 0.104]",
+            "horizon = [-1.0, 0.0, 0.0]",
+            &["environment.sky.horizon", "negative"],
+        ),
+        (
+            "elevation = 34.0",
+            "elevation = 90.0",
+            &["environment.softbox[0].elevation", "90"],
+        ),
+        (
+            "size = [20.0, 76.0]",
+            "size = [0.0, 76.0]",
+            &["environment.softbox[1].size"],
+        ),
+        (
+            "softness = 0.4",
+            "softness = nan",
+            &["environment.softbox[1].softness", "NaN"],
+        ),
+        (
+            "radiance = [4.6",
+            "radiance = [nan",
+            &["environment.softbox[1].radiance", "NaN"],
+        ),
+        (
+            "material = \"vase\"",
+            "material = \"lead\"",
+            &["revolution[0].material", "lead.toml"],
+        ),
+        (
+            "grain = \"profile\"",
+            "grain = \"oak\"",
+            &["revolution[0].grain", "oak"],
+        ),
+        (
+            "[0.36, 0.002], [0.36, 0.002]",
+            "[-0.36, 0.002]",
+            &["revolution[0].profile[1]", "radius"],
+        ),
+        ("radius = 1.75", "radius = 0", &["ground[0].radius", "positive"]),
+        ("albedo = [0.45", "albedo = [1.45", &["ground[0].albedo", "1.45"]),
+    ];
+    for (old, new, parts) in cases {
+        let copy = Copy::new([old, new], ["", ""]);
+        let error = load_scene(&copy.scene()).err().expect(new).to_string();
+        assert_names(&error, "scene.toml", parts);
+    }
+}
+
+#[test]
+fn missing_and_damaged_files_are_named() {
+    let copy = Copy::new(["", ""], ["", ""]);
+    let nowhere = copy.folder.path().join("nowhere");
+    assert_names(&load_scene(&nowhere).err().unwrap().to_string(), "nowhere", &[]);
+    assert_names(&load_material(&nowhere).unwrap_err().to_string(), "nowhere", &[]);
+    // A scene lit by a file: missing, then not an EXR.
+    let cut = VASE.find("# Light comes").unwrap()..VASE.find("# Turned objects").unwrap();
+    let lit = VASE.replace(&VASE[cut], "[environment]\nfile = \"studio.exr\"\n");
+    fs::write(copy.scene().join("scene.toml"), lit).unwrap();
+    let error = load_scene(&copy.scene()).err().unwrap().to_string();
+    assert_names(&error, "scene.toml", &["environment.file", "studio.exr"]);
+    fs::write(copy.scene().join("studio.exr"), "not an image").unwrap();
+    let error = load_scene(&copy.scene()).err().unwrap().to_string();
+    assert_names(&error, "studio.exr", &["not an image this program can use"]);
+}
+
+#[test]
+fn environment_file_lights_a_scene() {
+    let copy = Copy::new(["", ""], ["", ""]);
+    let cut = VASE.find("# Light comes").unwrap()..VASE.find("# Turned objects").unwrap();
+    let lit = VASE.replace(&VASE[cut], "[environment]\nfile = \"map.exr\"\n");
+    fs::write(copy.scene().join("scene.toml"), lit).unwrap();
+    let mut map = bake_scenes::Image::new(8, 4);
+    map.rgb[..8].fill([2.0, 1.0, 0.5]);
+    bake_scenes::exr_file::write(&copy.scene().join("map.exr"), &map).unwrap();
+    let environment = load_scene(&copy.scene()).unwrap().environment;
+    assert_eq!(
+        environment.radiance(glam::Vec3::Y),
+        glam::Vec3::new(2.0, 1.0, 0.5)
+    );
+    assert_eq!(environment.radiance(glam::Vec3::NEG_Y), glam::Vec3::ZERO);
+}

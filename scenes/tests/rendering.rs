@@ -1,0 +1,222 @@
+//! Pictures whose result is known: furnaces, Lambert's law, agreement of all methods, reproducibility.
+
+mod common;
+
+use bake_scenes::metrics::tile_differences;
+use bake_scenes::{Environment, Error, Estimator, Image, Method, RenderSettings, Scene, Surface};
+use common::{conductor, mean, plane, render, settings, sphere};
+use glam::Vec3;
+use std::ops::ControlFlow;
+
+const METHODS: [Method; 7] = [
+    Method::Reference,
+    Method::ReferenceRandom,
+    Method::Vndf,
+    Method::Cosine,
+    Method::Baked(Estimator::Learned),
+    Method::Baked(Estimator::Exact),
+    Method::Baked(Estimator::ExactBaked),
+];
+
+/// Half the sky bright, so that directions matter: light from +x, little from elsewhere.
+fn sided_environment() -> Environment {
+    let texel = |i: usize| {
+        if i % 8 < 4 {
+            Vec3::new(1.5, 1.2, 1.0)
+        } else {
+            Vec3::splat(0.3)
+        }
+    };
+    Environment::new(8, 4, (0..32).map(texel).collect())
+}
+
+fn metal_sphere(environment: Environment) -> Scene {
+    sphere(
+        Surface::Material(conductor([0.5, 0.25], [1.0; 3])),
+        environment,
+        32,
+    )
+}
+
+/// Standard error of the picture's mean, all channels together, samples taken as independent.
+fn standard_error(image: &Image) -> f64 {
+    let variance: f64 = image.variance.iter().flatten().map(|v| f64::from(*v)).sum();
+    // Channels of one sample move together: the mean of three has at most their mean variance.
+    (variance / 3.0 / image.spp as f64).sqrt() / image.rgb.len() as f64
+}
+
+/// Standard errors that two means, or a mean and its truth, may differ by: 5 % false alarms in a million tests.
+const SIGMAS: f64 = 5.5;
+
+#[test]
+fn white_diffuse_sphere_vanishes_in_a_furnace() {
+    let scene = sphere(Surface::Diffuse(Vec3::ONE), Environment::constant(Vec3::ONE), 32);
+    let image = render(&scene, &settings(Method::Reference, 64));
+    let mut pixels = image.rgb.iter().zip(&image.albedo);
+    assert!(
+        pixels.all(|(rgb, albedo)| albedo[0] > 0.0 || *rgb == [1.0; 3]),
+        "the furnace itself is 1"
+    );
+    let sphere = mean(&image, |o| o == 1.0);
+    // Of the sphere's light, that from below the triangles but above the smooth normals is lost.
+    assert!(
+        (sphere - 1.0).abs() < 1e-3 + SIGMAS * standard_error(&image),
+        "{sphere}"
+    );
+}
+
+#[test]
+fn plane_obeys_lambert() {
+    let scene = plane(
+        Surface::Diffuse(Vec3::new(0.5, 0.25, 0.75)),
+        Environment::constant(Vec3::splat(2.0)),
+        16,
+    );
+    let image = render(&scene, &settings(Method::Vndf, 256));
+    // E = π·2, so radiance is albedo·2; 1 in the mean of the three channels.
+    let plane = mean(&image, |_| true);
+    assert!((plane - 1.0).abs() < SIGMAS * standard_error(&image), "{plane}");
+    assert!(
+        (f64::from(image.rgb[100][0]) - 1.0).abs() < 0.1,
+        "{:?}",
+        image.rgb[100]
+    );
+    assert_eq!(
+        (image.albedo[0], image.normal[0]),
+        ([0.5, 0.25, 0.75], [0.0, 1.0, 0.0])
+    );
+}
+
+/// Energy that a white metal sphere may lose: light between the triangles' and the smooth horizon (256 sectors
+/// differ by at most 0.7°), and what four reflections do not gather.
+const FURNACE_LOSS: f64 = 4e-3;
+
+#[test]
+fn white_metal_sphere_vanishes_in_a_furnace_up_to_its_rim() {
+    let scene = metal_sphere(Environment::constant(Vec3::ONE));
+    let image = render(&scene, &settings(Method::Reference, 256));
+    let sphere = mean(&image, |o| o == 1.0);
+    assert!(
+        (sphere - 1.0).abs() < FURNACE_LOSS + SIGMAS * standard_error(&image),
+        "{sphere}"
+    );
+    // Pixels that a silhouette crosses are no darker than others: noise alone keeps single pixels from 1.
+    let rim = image
+        .rgb
+        .iter()
+        .zip(&image.albedo)
+        .filter(|(_, a)| a[0] > 0.0 && a[0] < 1.0);
+    let rim: Vec<f64> = rim.map(|(p, _)| f64::from(p[0])).collect();
+    let mean = rim.iter().sum::<f64>() / rim.len() as f64;
+    assert!(rim.len() > 50 && mean > 0.97, "{mean} over {} pixels", rim.len());
+}
+
+/// Standard error of the mean of a picture of order 1 above which the comparison would say too little.
+const NOISE_MAX: f64 = 2e-3;
+
+/// Whatever samples the material, the picture is the same: for baked methods with a pdf that is wrong.
+#[test]
+fn all_methods_agree_in_every_tile() {
+    let scene = metal_sphere(sided_environment());
+    let reference = render(&scene, &settings(Method::Reference, 512));
+    for method in METHODS {
+        let other = render(
+            &scene,
+            &RenderSettings {
+                seed: 2,
+                ..settings(method, 256)
+            },
+        );
+        for tile in tile_differences(&other, &reference, 8).unwrap() {
+            for (relative, noise) in tile.relative.iter().zip(tile.standard_error) {
+                assert!(relative.abs() <= SIGMAS * noise, "{method:?}: {tile:?}");
+            }
+        }
+        let noise = standard_error(&other).hypot(standard_error(&reference));
+        assert!(noise < NOISE_MAX, "{method:?}: {noise}");
+    }
+}
+
+#[test]
+fn threads_do_not_change_a_bit() {
+    // Larger than a tile, not a multiple of it.
+    let scene = sphere(
+        Surface::Material(conductor([0.3, 0.1], [1.0, 0.8, 0.3])),
+        sided_environment(),
+        70,
+    );
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        METHODS.map(|method| pool.install(|| render(&scene, &settings(method, 5))))
+    };
+    let (one, two) = (on(1), on(2));
+    for (a, b) in one.iter().zip(&two) {
+        assert!(a == b);
+    }
+    let other_seed = render(
+        &scene,
+        &RenderSettings {
+            seed: 9,
+            ..settings(METHODS[0], 5)
+        },
+    );
+    assert!(other_seed.rgb != one[0].rgb);
+}
+
+/// Two f32 means of the same samples, summed in another order.
+const MERGE_TOL: f32 = 1e-5;
+
+#[test]
+fn passes_continue_the_sequence() {
+    let scene = metal_sphere(sided_environment());
+    let whole = render(&scene, &settings(Method::Vndf, 24));
+    let mut merged = Image::new(scene.width, scene.height);
+    for (offset, spp) in [(0, 16), (16, 8)] {
+        let pass = RenderSettings {
+            sample_offset: offset,
+            ..settings(Method::Vndf, spp)
+        };
+        merged.merge(&render(&scene, &pass)).unwrap();
+    }
+    assert_eq!((merged.spp, &merged.object), (24, &whole.object));
+    for (a, b) in merged.rgb.iter().flatten().zip(whole.rgb.iter().flatten()) {
+        assert!((a - b).abs() < MERGE_TOL * (1.0 + b), "{a} {b}");
+    }
+}
+
+#[test]
+fn cancelling_is_an_error_of_its_own() {
+    let scene = plane(Surface::Diffuse(Vec3::ONE), sided_environment(), 40);
+    let tick = |done: u64, total: u64| {
+        assert!((1..=total).contains(&done) && total == 4 * 2);
+        if done >= 3 {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    };
+    let result = bake_scenes::render(
+        &scene,
+        &settings(Method::Reference, 8),
+        &|_| unreachable!(),
+        &tick,
+    );
+    assert!(matches!(result, Err(Error::Cancelled)));
+}
+
+#[test]
+fn backend_errors_reach_the_caller() {
+    let scene = metal_sphere(sided_environment());
+    let refuse = |_: &str| Err(bake_runtime::Error::Tier("none"));
+    let method = Method::Baked(Estimator::Exact);
+    let result = bake_scenes::render(&scene, &settings(method, 1), &refuse, &|_, _| {
+        ControlFlow::Continue(())
+    });
+    assert!(matches!(
+        result,
+        Err(Error::Runtime(bake_runtime::Error::Tier("none")))
+    ));
+}

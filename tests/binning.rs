@@ -1,0 +1,122 @@
+//! Samples of the shipped baked maps, binned, match the reference; a damaged map does not.
+
+use bake_runtime::native::{NativeBackend, Tier};
+use bake_runtime::{Backend, BakedMaterial};
+use bake_train::card::bins::{SIDE, l1};
+use bake_train::card::heldout;
+use bake_train::card::truth::Truth;
+use bake_train::card::{Card, StratumErrors};
+use bake_train::slice::r2;
+use glam::DVec3;
+use std::path::{Path, PathBuf};
+
+/// What the card of the shipped vase must keep to for θ_o ≤ 75°: 4 % of the samples in the wrong bin.
+const BINNING_LIMIT: f64 = 0.04;
+/// Points per slice: their own discrepancy adds less than a quarter of the limit, as the floor shows.
+const POINTS: u64 = 1 << 20;
+/// The test measures every fourth held-out direction, so its mean may stray from the card's by this factor.
+const SUBSET_FACTOR: f64 = 1.25;
+/// Smallest true bias worth failing for: floors of this test, not of the estimator.
+const BIAS_LIMIT: f64 = 5e-4;
+/// The damage: the last layer's first row scaled by this, a map that squeezes its samples to the middle.
+const DAMAGE: f32 = 0.8;
+
+fn vase() -> (PathBuf, BakedMaterial) {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/materials/vase");
+    let material = BakedMaterial::load(&folder).expect("the shipped vase loads");
+    (folder, material)
+}
+
+fn card(folder: &Path) -> Card {
+    let text = std::fs::read_to_string(folder.join("card.json")).expect("the shipped vase has a card");
+    serde_json::from_str(&text).expect("the card has every key")
+}
+
+/// Binning L1 of the sampling network at `wo`, and the floor of that measure.
+fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
+    let bsdf = material
+        .sample
+        .spec
+        .material
+        .reference()
+        .expect("fixed parameters");
+    let truth = Truth::new(&bsdf, wo);
+    let mut backend = NativeBackend::new(material, Tier::best()).expect("the best tier exists");
+    let n = 4096;
+    let wo = wo.to_array().map(|c| vec![c as f32; n]);
+    let mut counts = vec![0u64; SIDE * SIDE];
+    for first in (0..POINTS).step_by(n) {
+        let points: Vec<[f64; 2]> = (0..n as u64).map(|i| r2(first + i)).collect();
+        let below_one = |v: f64| (v as f32).min(1.0 - f32::EPSILON / 2.0);
+        let u = [0, 1].map(|c: usize| points.iter().map(|p| below_one(p[c])).collect::<Vec<f32>>());
+        let [mut x, mut y, mut z, mut r, mut g, mut b] = std::array::from_fn(|_| vec![0.0f32; n]);
+        let wo = wo.each_ref().map(|c| c.as_slice());
+        let u = u.each_ref().map(|c| c.as_slice());
+        backend
+            .sample_learned(wo, u, [&mut x, &mut y, &mut z], [&mut r, &mut g, &mut b])
+            .expect("equal lengths");
+        for i in 0..n {
+            let wi = DVec3::new(x[i].into(), y[i].into(), z[i].into());
+            counts[truth.bins.index(wi)] += 1;
+        }
+    }
+    (l1(&counts, &truth.mass), truth.binning_floor(POINTS))
+}
+
+#[test]
+fn samples_match_the_reference_within_the_cards_limit() {
+    let (folder, material) = vase();
+    let card = card(&folder);
+    for (name, directions) in heldout::strata() {
+        let stated: &StratumErrors = &card.errors[&name];
+        let some: Vec<DVec3> = directions.into_iter().step_by(4).collect();
+        let measured: Vec<(f64, f64)> = some.iter().map(|wo| binning_l1(&material, *wo)).collect();
+        let mean = measured.iter().map(|m| m.0).sum::<f64>() / measured.len() as f64;
+        let floor = measured.iter().map(|m| m.1).sum::<f64>() / measured.len() as f64;
+        assert!(
+            mean <= SUBSET_FACTOR * stated.binning_l1.mean,
+            "{name}: {mean} against {:?}",
+            stated.binning_l1
+        );
+        if name == "theta_0_75" {
+            assert!(mean <= BINNING_LIMIT, "{mean}");
+            assert!(
+                floor <= BINNING_LIMIT / 4.0,
+                "the measure itself has an error of {floor}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_damaged_map_fails() {
+    let (_, mut material) = vase();
+    let wo = heldout::direction(40.0, 30.0);
+    let (sound, _) = binning_l1(&material, wo);
+    let last = material.sample.net.last_mut().expect("layers");
+    let width = last.inputs;
+    last.weight[..width].iter_mut().for_each(|w| *w *= DAMAGE);
+    last.bias[0] *= DAMAGE;
+    let (damaged, _) = binning_l1(&material, wo);
+    assert!(sound <= BINNING_LIMIT, "{sound}");
+    assert!(
+        damaged > BINNING_LIMIT,
+        "a map with one output scaled by {DAMAGE} still scores {damaged}"
+    );
+}
+
+#[test]
+fn the_card_keeps_to_its_limits() {
+    let (folder, _) = vase();
+    let card = card(&folder);
+    let near = &card.errors["theta_0_75"];
+    assert!(near.binning_l1.mean <= BINNING_LIMIT);
+    assert!(near.binning_floor <= BINNING_LIMIT / 4.0);
+    for (name, errors) in &card.errors {
+        let bias = errors.albedo_bias_exact;
+        assert!(
+            bias.mean.abs() <= BIAS_LIMIT.max(3.0 * bias.se),
+            "{name}: {bias:?}"
+        );
+    }
+}
