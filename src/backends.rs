@@ -5,6 +5,7 @@ use anyhow::{Result, bail};
 use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::onnxruntime::OrtBackend;
 use bake_runtime::{Backend, BakedMaterial, Role};
+use bake_scenes::Scene;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -15,12 +16,23 @@ pub struct Backends {
 }
 
 impl Backends {
-    /// Loads the baked folder of every material name in `folders`, and tries the backend once, so that what is
-    /// missing is said before the work begins.
-    pub fn load(kind: BackendName, folders: &BTreeMap<String, PathBuf>) -> Result<Backends> {
+    /// Loads the baked folder of every material of `scene` that has one in `folders`, and tries the backend once,
+    /// so that what is missing, or was baked from other parameters, is said before the work begins.
+    pub fn load(kind: BackendName, folders: &BTreeMap<String, PathBuf>, scene: &Scene) -> Result<Backends> {
         let mut materials = BTreeMap::new();
-        for (name, folder) in folders {
-            materials.insert(name.clone(), (folder.clone(), BakedMaterial::load(folder)?));
+        for wanted in scene.materials() {
+            let Some(folder) = folders.get(&wanted.name) else {
+                continue;
+            };
+            let baked = BakedMaterial::load(folder)?;
+            if baked.sample.spec.material != *wanted {
+                bail!(
+                    "{}: it was baked from other parameters than material `{}` has now; bake the scene again",
+                    folder.display(),
+                    wanted.name
+                );
+            }
+            materials.insert(wanted.name.clone(), (folder.clone(), baked));
             let models = Role::ALL.map(|role| folder.join(role.name()).with_extension("onnx"));
             if let Some(missing) = models
                 .iter()

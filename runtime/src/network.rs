@@ -201,3 +201,24 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
     };
     write().map_err(|e| Error::io(path, e))
 }
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn written_files_are_as_open_as_any_other() {
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let [ours, plain] = ["ours", "plain"].map(|name| folder.path().join(name));
+        write_atomically(&ours, b"bytes").expect("a temporary folder can be written");
+        std::fs::write(&plain, b"bytes").expect("a temporary folder can be written");
+        let mode = |path: &Path| {
+            std::fs::metadata(path)
+                .expect("just written")
+                .permissions()
+                .mode()
+        };
+        assert_eq!(mode(&ours), mode(&plain));
+    }
+}

@@ -60,7 +60,7 @@ pub fn run(options: &RenderOptions) -> Result<()> {
         Method::Baked(_) => model_folders(&scene, &options.scene, options.models.as_deref(), &home)?,
         _ => BTreeMap::new(),
     };
-    let backends = Backends::load(options.backend, &folders)?;
+    let backends = Backends::load(options.backend, &folders, &scene)?;
     prepare_folder(
         exr.parent()
             .filter(|p| !p.as_os_str().is_empty())

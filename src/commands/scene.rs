@@ -78,7 +78,7 @@ pub fn run(options: &SceneOptions) -> Result<()> {
         folders.insert(material.name.clone(), folder);
     }
     let clock = Instant::now();
-    let backends = Backends::load(BackendName::Native, &folders)?;
+    let backends = Backends::load(BackendName::Native, &folders, &scene)?;
     let renders = compare(&scene, options, &backends, &out, &stages)?;
     seconds.render = clock.elapsed().as_secs_f64();
     seconds.total = started.elapsed().as_secs_f64();

@@ -8,6 +8,7 @@ use std::time::Duration;
 const BAD_INPUT: i32 = 2;
 /// Nothing is baked or rendered before bad input is noticed; loading onnxruntime on a busy machine takes longest.
 const SECONDS_MAX: Duration = Duration::from_secs(20);
+
 /// Runs the program and asserts that it refuses its input with one line that has all of `parts`.
 pub fn complains(studio: &Studio, arguments: &[&str], parts: &[&str]) {
     assert_complaint(studio, studio.bake(arguments), parts);

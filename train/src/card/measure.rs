@@ -1,5 +1,6 @@
 //! The errors of a baked material over the held-out directions, as the definitions of [`StratumErrors`] say.
 
+use super::batch::{BATCH, Buffers, Moments};
 use super::bins::{Bins, SIDE, l1};
 use super::heldout;
 use super::truth::Truth;
@@ -26,8 +27,6 @@ const EVAL_POINTS: usize = 1 << 12;
 const PDF_SUB: usize = 4;
 /// Bins that expect fewer samples are left out of χ², as its distribution asks.
 const CHI2_MIN_EXPECTED: f64 = 5.0;
-/// Queries per call.
-const BATCH: usize = 4096;
 /// Independent blocks behind the standard error of a mean over R2 points.
 const BLOCKS: usize = 16;
 /// Key of the random points.
@@ -142,105 +141,6 @@ fn summarise(rows: &[&Measured]) -> StratumErrors {
         },
         pdf_log_l1: mean(&|m| m.pdf_log_l1),
     }
-}
-
-/// Running mean and variance of RGB weights.
-#[derive(Clone, Copy, Default)]
-struct Moments {
-    count: f64,
-    sum: DVec3,
-    square: DVec3,
-}
-
-impl Moments {
-    fn add(&mut self, value: DVec3) {
-        self.count += 1.0;
-        self.sum += value;
-        self.square += value * value;
-    }
-
-    fn mean(&self) -> DVec3 {
-        self.sum / self.count
-    }
-
-    /// Standard error of the mean.
-    fn se(&self) -> DVec3 {
-        let mean = self.mean();
-        let variance = (self.square / self.count - mean * mean).max(DVec3::ZERO) / (self.count - 1.0);
-        DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt())
-    }
-
-    /// Bias against `albedo` with the standard error of both.
-    fn bias(&self, truth: &Truth) -> (DVec3, DVec3) {
-        let se = self.se();
-        let total = DVec3::from_array([0, 1, 2].map(|c: usize| se[c].hypot(truth.albedo_se[c])));
-        (self.mean() / truth.albedo - DVec3::ONE, total / truth.albedo)
-    }
-}
-
-/// Reusable structure-of-arrays buffers of one batch.
-struct Buffers {
-    wo: [Vec<f32>; 3],
-    u: [Vec<f32>; 2],
-    wi: [Vec<f32>; 3],
-    rgb: [Vec<f32>; 3],
-    scalar: Vec<f32>,
-}
-
-impl Buffers {
-    fn new(wo: DVec3) -> Buffers {
-        let zeros = || vec![0.0; BATCH];
-        Buffers {
-            wo: wo.to_array().map(|c| vec![c as f32; BATCH]),
-            u: [zeros(), zeros()],
-            wi: [zeros(), zeros(), zeros()],
-            rgb: [zeros(), zeros(), zeros()],
-            scalar: zeros(),
-        }
-    }
-
-    fn set_u(&mut self, i: usize, u: [f64; 2]) {
-        // The largest f32 below 1: rounding must not leave [0, 1).
-        let bound = |v: f64| (v as f32).min(1.0 - f32::EPSILON / 2.0);
-        self.u[0][i] = bound(u[0]);
-        self.u[1][i] = bound(u[1]);
-    }
-
-    fn wi(&self, i: usize) -> DVec3 {
-        DVec3::new(self.wi[0][i].into(), self.wi[1][i].into(), self.wi[2][i].into())
-    }
-
-    fn rgb(&self, i: usize) -> DVec3 {
-        DVec3::new(
-            self.rgb[0][i].into(),
-            self.rgb[1][i].into(),
-            self.rgb[2][i].into(),
-        )
-    }
-
-    fn sample_learned(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
-        let [x, y, z] = &mut self.wi;
-        let [r, g, b] = &mut self.rgb;
-        backend.sample_learned(views(&self.wo), views(&self.u), [x, y, z], [r, g, b])
-    }
-
-    fn sample_jacobian(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
-        let [x, y, z] = &mut self.wi;
-        backend.sample_jacobian(views(&self.wo), views(&self.u), [x, y, z], &mut self.scalar)
-    }
-
-    fn eval(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
-        let [r, g, b] = &mut self.rgb;
-        backend.eval(views(&self.wo), views(&self.wi), [r, g, b])
-    }
-
-    fn pdf(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
-        backend.pdf(views(&self.wo), views(&self.wi), &mut self.scalar)
-    }
-}
-
-fn views<const N: usize>(columns: &[Vec<f32>; N]) -> [&[f32]; N] {
-    columns.each_ref().map(|c| c.as_slice())
 }
 
 fn measure(bsdf: &Conductor, wo: DVec3, backend: &mut dyn Backend, key: u64) -> Result<Measured> {
@@ -364,9 +264,7 @@ fn chi2_effect(wo: DVec3, bins: &Bins, counts: &[u64], backend: &mut dyn Backend
     let mut buffers = Buffers::new(wo);
     for chunk in nodes.chunks(BATCH) {
         for (i, (_, wi, _)) in chunk.iter().enumerate() {
-            for c in 0..3 {
-                buffers.wi[c][i] = wi[c] as f32;
-            }
+            buffers.set_wi(i, *wi);
         }
         buffers.pdf(backend)?;
         for ((bin, _, solid_angle), pdf) in chunk.iter().zip(&buffers.scalar) {
@@ -401,9 +299,7 @@ fn densities(
         for i in 0..BATCH {
             let s = r2((call * BATCH + i) as u64);
             let (w, jacobian_cos) = frame.square_to_direction(s, [1.0 - s[0], 1.0 - s[1]]);
-            for c in 0..3 {
-                buffers.wi[c][i] = w[c] as f32;
-            }
+            buffers.set_wi(i, DVec3::from_array(w));
             measures.push(jacobian_cos / w[2]);
         }
         buffers.eval(backend)?;

@@ -1,6 +1,7 @@
 //! The model card: what a baked material is, what it cost, and how far it is from its reference, measured on
 //! held-out directions that training never saw.
 
+mod batch;
 pub mod bins;
 pub mod cost;
 pub mod heldout;

@@ -3,6 +3,7 @@
 
 use super::bins::{Bins, NARROW_BINS, SIDE, bins_of_90_percent};
 use crate::slice::{LUMINANCE, r2, scatter_vertices, scattered, single_luminance};
+use crate::spline::{edge_cell_centre, edge_cell_weight};
 use crate::transport::frame_fit;
 use crate::transport::marginal::MarginalMap;
 use bake_runtime::Rng;
@@ -116,11 +117,13 @@ fn albedo(bsdf: &Conductor, wo: DVec3, frame: &Frame) -> (DVec3, DVec3) {
     };
     let (mut single, mut single_white) = (DVec3::ZERO, 0.0);
     for k in 0..ALBEDO_NODES * ALBEDO_NODES {
-        let s = crate::spline::cell_centre(k, ALBEDO_NODES);
+        // Crowded towards the horizon, where a rough surface is bright in a layer too thin for even nodes.
+        let s = edge_cell_centre(k, ALBEDO_NODES);
         let (w, jacobian_cos) = frame.square_to_direction(s, [1.0 - s[0], 1.0 - s[1]]);
         let wi = DVec3::from_array(w);
-        single += bsdf.single(wo, wi) * (jacobian_cos / w[2]);
-        single_white += white.single(wo, wi).x * (jacobian_cos / w[2]);
+        let measure = jacobian_cos / w[2] * edge_cell_weight(k, ALBEDO_NODES);
+        single += bsdf.single(wo, wi) * measure;
+        single_white += white.single(wo, wi).x * measure;
     }
     let nodes = (ALBEDO_NODES * ALBEDO_NODES) as f64;
     let scattered_white = (1.0 - single_white / nodes).max(0.0);

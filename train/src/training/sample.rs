@@ -21,11 +21,11 @@ use std::path::Path;
 pub const MAP_SHARE: f64 = 0.3;
 /// Weight of the map's distance while the density is trained: it keeps the map from wandering into folds.
 const MAP_WEIGHT: f64 = 0.3;
-/// Weight of the learned weight's squared error.
-const WEIGHT_WEIGHT: f64 = 0.1;
+/// Weight of the learned weight's squared error, relative to the albedo.
+const WEIGHT_WEIGHT: f64 = 0.3;
 /// Ratios below this count linearly, so that a fold is pushed out instead of giving NaN.
 const RATIO_FLOOR: f64 = 1e-2;
-/// Learned weights aim at most at this; larger ones are the rare folds' neighbours and belong to the exact estimators.
+/// Learned weights aim at most at this many albedos: what exceeds it is rare, and would only add noise.
 const WEIGHT_MAX: f32 = 5.0;
 /// Features of u in front of those of wo.
 const U_FEATURES: usize = 2;
@@ -154,8 +154,13 @@ fn density_loss(mlp: &Mlp, set: &TrainingSet, batch: &Batch) -> Result<Tensor> {
         };
         targets.push((detached.apply_op1_no_bwd(&lookup)?.exp()? * det.detach())?);
     }
-    let targets = Tensor::stack(&targets, 1)?.clamp(0f32, WEIGHT_MAX)?;
-    let weights = output.narrow(1, 2, 3)?.exp()?;
+    let per_albedo = batch
+        .slices
+        .iter()
+        .flat_map(|k| set.albedo[*k].to_array().map(|a| 1.0 / a as f32));
+    let per_albedo = Tensor::from_vec(per_albedo.collect(), (batch.slices.len(), 3), &Device::Cpu)?;
+    let targets = (Tensor::stack(&targets, 1)? * &per_albedo)?.clamp(0f32, WEIGHT_MAX)?;
+    let weights = (output.narrow(1, 2, 3)?.exp()? * per_albedo)?;
     let weight = (weights - targets)?.sqr()?.mean_all()?;
     let map = map_distance(set, batch, &h)?;
     Ok(((density + (map * MAP_WEIGHT)?)? + (weight * WEIGHT_WEIGHT)?)?)
