@@ -3,14 +3,18 @@
 //! A walk from one direction that connects to the other meets, now and then, a vertex whose lobe points right
 //! at it: rare and bright. The same sequence of directions can be walked from the other end, where it is
 //! ordinary. Both walks are taken and weighed by the balance heuristic (Veach and Guibas 1995, *Optimally
-//! Combining Sampling Techniques*), as Heitz et al. 2016 combine theirs. Deviation: order 2, nearly all of this
-//! light, does not draw heights; they are integrated in closed form (see [`Conductor::twice`]), so that every
-//! walk contributes and not only those that are still inside after one bounce.
+//! Combining Sampling Techniques*), as Heitz et al. 2016 combine theirs. Deviation: the height of the last
+//! scattering (and of both, at order 2, nearly all of this light) is not drawn but integrated in closed form, so
+//! that every scattering connects and not only those after which the light is still inside.
 
 use super::microsurface::{HalfVector, Stretched, schlick};
+use super::walk::Event;
 use super::{Conductor, above_horizon};
 use crate::random::Rng;
 use glam::DVec3;
+
+/// Exponent below which the heights of a rising flight take their limit for equal Λ: its error is half of this.
+const EQUAL_LAMBDAS: f64 = 1e-9;
 
 /// One end of the light's way.
 struct End {
@@ -30,7 +34,7 @@ impl End {
         }
     }
 
-    /// Density of scattering from this end to `w` at a visible normal `half`, times 4, sr⁻¹.
+    /// Four times the density of scattering from this end at the visible normal `half`, sr⁻¹.
     fn density(&self, half: &HalfVector) -> f64 {
         half.density / self.stretched.projected_area()
     }
@@ -58,44 +62,73 @@ impl Conductor {
     /// p(to → −last). What lies between is drawn by both, and the Smith model is reciprocal for every sequence of
     /// directions once heights are integrated out, so shares made of these two densities sum to 1.
     fn from_one_end(&self, from: &End, to: &End, rng: &mut Rng) -> DVec3 {
-        let u = rng.pair();
-        let (first, _) = from
-            .stretched
-            .mirror(from.stretched.visible_normal(self.alpha, u));
-        let entry = HalfVector::new(from.direction, first, self.alpha);
-        let own = from.density(&entry);
-        let share = |other: f64| own / (own + other);
+        let mut own = None;
         let mut sum = DVec3::ZERO;
-        let exit = HalfVector::new(to.direction, -first, self.alpha);
-        if exit.density > 0.0 && own > 0.0 {
-            sum += self.twice(from, first, to, &entry, &exit) * share(to.density(&exit));
-        }
-        // The same numbers give the walk the same first direction; its first vertex is order 2 again.
-        let mut order = 1;
-        self.walk(from.direction, u, rng, |vertex| {
-            order += 1;
-            let exit = HalfVector::new(to.direction, -vertex.direction, self.alpha);
-            if order > 2 && exit.density > 0.0 && own > 0.0 {
-                sum += self.connect(vertex, to.direction) * share(to.density(&exit));
+        let u = rng.pair();
+        self.walk_events(from.direction, u, rng, |event| {
+            let Event::Scattered {
+                direction,
+                log_c,
+                throughput,
+            } = event
+            else {
+                return;
+            };
+            let exit = HalfVector::new(to.direction, -direction, self.alpha);
+            let is_first = own.is_none();
+            let own = *own
+                .get_or_insert_with(|| from.density(&HalfVector::new(from.direction, direction, self.alpha)));
+            let share = own / (own + to.density(&exit));
+            // Without a normal that mirrors into `to` there is nothing to connect, and perhaps 0/0.
+            if exit.density > 0.0 && share.is_finite() {
+                let heights = match is_first {
+                    true => self.both_heights(from, direction, to),
+                    false => self.next_height(log_c, direction, to),
+                };
+                let phase = schlick(self.reflectance, exit.cos) * (0.25 * exit.density);
+                sum += throughput * phase * (heights * share);
             }
         });
         sum
     }
 
-    /// f_cos of order 2 by way of `first`, over the density of drawing `first` from `from`; all heights.
+    /// The heights of two scatterings from `from` by way of `first` to `to`, over σ(−first).
     ///
     /// With c the C1 of a height, light from above scatters first with density (1 + Λ_o)·c₁^Λ_o. Rising, it
     /// scatters again with density Λ·c₁^Λ·c₂^(−Λ−1) above c₁; falling, with (1 + Λ)·c₂^Λ·c₁^(−1−Λ) below; and
-    /// leaves with probability c₂^Λ_i (Heitz et al. 2016, Eqs. 12–17, in terms of C1). Integrated over both
-    /// heights, and with the projected area σ(−first), which is Λ·z or (1 + Λ)·|z|, cancelled:
-    /// F₁·F₂·D₂/(4|z|) · (1 + Λ_o) / ((1 + Λ_x + Λ)(1 + Λ_o + Λ_i)), x = o where `first` rises, i where it falls.
-    fn twice(&self, from: &End, first: DVec3, to: &End, entry: &HalfVector, exit: &HalfVector) -> DVec3 {
+    /// leaves with probability c₂^Λ_i (Heitz et al. 2016, Eqs. 12–17, in terms of C1). The integral over both,
+    /// where the projected area σ(−first), Λ·z or (1 + Λ)·|z|, cancels:
+    /// (1 + Λ_o) / (|z|·(1 + Λ_x + Λ)·(1 + Λ_o + Λ_i)), with x = o where `first` rises and i where it falls.
+    fn both_heights(&self, from: &End, first: DVec3, to: &End) -> f64 {
         let side = if first.z > 0.0 { from.lambda } else { to.lambda };
-        let steep = Stretched::new(first.with_z(first.z.abs()), self.alpha);
         // |z|·(1 + Λ_x + Λ), finite for a horizontal direction: |z|·(1 + Λ) is the projected area.
-        let across = first.z.abs() * side + steep.projected_area();
-        let heights = (1.0 + from.lambda) / (across * (1.0 + from.lambda + to.lambda));
-        let fresnel = schlick(self.reflectance, entry.cos) * schlick(self.reflectance, exit.cos);
-        fresnel * (0.25 * exit.density * heights)
+        let across = first.z.abs() * side + self.area_above(first);
+        (1.0 + from.lambda) / (across * (1.0 + from.lambda + to.lambda))
+    }
+
+    /// The height of the next scattering of light along `direction` from ln C1 = `log_c`, and its way out to `to`,
+    /// over σ(−`direction`): the integral of [`Conductor::both_heights`] over c₂ alone.
+    ///
+    /// Falling: c^Λ_i / (|z|·(1 + Λ + Λ_i)). Rising: (c^Λ − c^Λ_i) / (z·(Λ_i − Λ)).
+    fn next_height(&self, log_c: f64, direction: DVec3, to: &End) -> f64 {
+        let z = direction.z.abs();
+        let area = self.area_above(direction);
+        if direction.z <= 0.0 {
+            return (to.lambda * log_c).exp() / (z * to.lambda + area);
+        }
+        let lambda = (area - z) / z;
+        // c^min·(1 − c^|Λ_i − Λ|) / (z·|Λ_i − Λ|), whose limit for equal Λ is −c^Λ·ln c / z.
+        let gap = (z * to.lambda - (area - z)).abs();
+        let exponent = gap / z * log_c;
+        let slower = (lambda.min(to.lambda) * log_c).exp();
+        match exponent.abs() < EQUAL_LAMBDAS {
+            true => -slower * log_c / z,
+            false => -slower * exponent.exp_m1() / gap,
+        }
+    }
+
+    /// Projected area seen from `direction` with its z upward: |z|·(1 + Λ).
+    fn area_above(&self, direction: DVec3) -> f64 {
+        Stretched::new(direction.with_z(direction.z.abs()), self.alpha).projected_area()
     }
 }

@@ -31,6 +31,19 @@ pub struct Vertex {
     pub throughput: DVec3,
 }
 
+/// What happens on a walk, in order.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Event {
+    /// Light scattered into `direction` at the height whose ln C1 is `log_c`; `throughput` includes it.
+    Scattered {
+        direction: DVec3,
+        log_c: f64,
+        throughput: DVec3,
+    },
+    /// It met the surface again.
+    Inside(Vertex),
+}
+
 impl Conductor {
     /// Walks once from `wo` and calls `visit` with each vertex of scattering order 2 and up, before scattering
     /// there.
@@ -47,6 +60,22 @@ impl Conductor {
         rng: &mut Rng,
         mut visit: impl FnMut(&Vertex),
     ) -> Option<BsdfSample> {
+        self.walk_events(wo, u, rng, |event| {
+            if let Event::Inside(vertex) = event {
+                visit(&vertex);
+            }
+        })
+    }
+
+    /// The walk of [`Conductor::walk`], telling of every scattering and of every vertex.
+    #[inline]
+    pub(super) fn walk_events(
+        &self,
+        wo: DVec3,
+        u: [f64; 2],
+        rng: &mut Rng,
+        mut tell: impl FnMut(Event),
+    ) -> Option<BsdfSample> {
         if !above_horizon(wo) {
             return None;
         }
@@ -59,6 +88,11 @@ impl Conductor {
             let (direction, cos) = back.mirror(back.visible_normal(self.alpha, u));
             throughput *= schlick(self.reflectance, cos);
             ray = Stretched::new(direction, self.alpha);
+            tell(Event::Scattered {
+                direction,
+                log_c,
+                throughput,
+            });
             log_c = ray.fly(log_c, rng);
             // A NaN is an endless vertical flight, out of the surface like any height above ln 1.
             let inside = log_c < 0.0;
@@ -75,11 +109,11 @@ impl Conductor {
                 }
                 throughput /= survival;
             }
-            visit(&Vertex {
+            tell(Event::Inside(Vertex {
                 direction,
                 height_cdf: log_c.exp().max(f64::MIN_POSITIVE),
                 throughput,
-            });
+            }));
             u = rng.pair();
         }
         None
