@@ -4,6 +4,7 @@ use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::{Backend, BakedMaterial};
 use bake_train::card::bins::{SIDE, l1};
 use bake_train::card::heldout;
+use bake_train::card::measure::BINNING_POINTS;
 use bake_train::card::truth::Truth;
 use bake_train::card::{Card, StratumErrors};
 use bake_train::slice::r2;
@@ -12,8 +13,6 @@ use std::path::{Path, PathBuf};
 
 /// What the card of the shipped vase must keep to for θ_o ≤ 75°: 4 % of the samples in the wrong bin.
 const BINNING_LIMIT: f64 = 0.04;
-/// Points per slice: their own discrepancy adds less than a quarter of the limit, as the floor shows.
-const POINTS: u64 = 1 << 20;
 /// The test measures every fourth held-out direction, so its mean may stray from the card's by this factor.
 const SUBSET_FACTOR: f64 = 1.25;
 /// Smallest true bias worth failing for: floors of this test, not of the estimator.
@@ -45,7 +44,7 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
     let n = 4096;
     let wo = wo.to_array().map(|c| vec![c as f32; n]);
     let mut counts = vec![0u64; SIDE * SIDE];
-    for first in (0..POINTS).step_by(n) {
+    for first in (0..BINNING_POINTS).step_by(n) {
         let points: Vec<[f64; 2]> = (0..n as u64).map(|i| r2(first + i)).collect();
         let below_one = |v: f64| (v as f32).min(1.0 - f32::EPSILON / 2.0);
         let u = [0, 1].map(|c: usize| points.iter().map(|p| below_one(p[c])).collect::<Vec<f32>>());
@@ -60,7 +59,7 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
             counts[truth.bins.index(wi)] += 1;
         }
     }
-    (l1(&counts, &truth.mass), truth.binning_floor(POINTS))
+    (l1(&counts, &truth.mass), truth.binning_floor(BINNING_POINTS))
 }
 
 #[test]

@@ -15,7 +15,7 @@ const TILE_LIMIT: f64 = 0.01;
 const SIGMAS: f64 = 4.5;
 /// Samples per pixel at which tiles are compared, and at which noise is.
 const HIGH_SPP: u64 = 256;
-const LOW_SPP: u64 = 16;
+const LOW_SPP: u64 = 64;
 
 struct Vase {
     scene: Scene,

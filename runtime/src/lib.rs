@@ -11,6 +11,7 @@ pub mod concentric;
 pub mod conductor;
 pub mod encoding;
 pub mod error;
+pub mod estimator;
 pub mod frame;
 pub mod material;
 pub mod native;

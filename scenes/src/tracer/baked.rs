@@ -3,8 +3,9 @@
 use super::lanes::Lanes;
 use super::shader::{Batch, Scattered, Shader};
 use crate::error::Result;
+use bake_runtime::Backend;
 use bake_runtime::conductor::Conductor;
-use bake_runtime::{Backend, Bsdf};
+use bake_runtime::estimator::{exact_f_cos, exact_weight};
 
 /// Where the weight of a baked sample comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,31 +54,28 @@ impl BakedShader {
         }
     }
 
-    /// Fills `value` with `f_cos`, by the network or the reference as the estimator says.
-    fn f_cos(&mut self, batch: &mut Batch, wi: &Lanes, value: &mut Lanes) -> Result<()> {
-        if self.estimator == Estimator::ExactBaked {
-            return Ok(self
-                .backend
-                .eval(batch.wo.slices(), wi.slices(), value.slices_mut())?);
+    /// Multiplies `value` by the jacobians.
+    fn times_jacobian(&self, value: &mut Lanes) {
+        for component in value.slices_mut() {
+            let pairs = component.iter_mut().zip(&self.jacobian);
+            pairs.for_each(|(value, jacobian)| *value *= jacobian);
         }
-        for (i, rng) in batch.rng.iter_mut().enumerate() {
-            value.set(
-                i,
-                self.reference
-                    .eval(batch.wo.unit_at(i), wi.unit_at(i), rng)
-                    .as_vec3(),
-            );
-        }
-        Ok(())
     }
 }
 
 impl Shader for BakedShader {
     fn eval(&mut self, batch: &mut Batch, out: &mut Scattered) -> Result<()> {
-        self.f_cos(batch, &out.wi, &mut out.value)?;
-        Ok(self
-            .backend
-            .pdf(batch.wo.slices(), out.wi.slices(), &mut out.pdf)?)
+        let (wo, wi) = (batch.wo.slices(), out.wi.slices());
+        self.backend.pdf(wo, wi, &mut out.pdf)?;
+        if self.estimator == Estimator::ExactBaked {
+            return Ok(self.backend.eval(wo, wi, out.value.slices_mut())?);
+        }
+        for (i, (rng, &pdf)) in batch.rng.iter_mut().zip(&out.pdf).enumerate() {
+            let (wo, wi) = (batch.wo.unit_at(i), out.wi.unit_at(i));
+            let f_cos = exact_f_cos(&self.reference, wo, wi, f64::from(pdf), rng);
+            out.value.set(i, f_cos.as_vec3());
+        }
+        Ok(())
     }
 
     fn sample(&mut self, batch: &mut Batch, out: &mut Scattered) -> Result<()> {
@@ -89,12 +87,16 @@ impl Shader for BakedShader {
             self.jacobian.resize(batch.wo.len(), 0.0);
             self.backend
                 .sample_jacobian(batch.wo.slices(), u, out.wi.slices_mut(), &mut self.jacobian)?;
-            self.f_cos(batch, &out.wi, &mut out.value)?;
-            for component in out.value.slices_mut() {
-                component
-                    .iter_mut()
-                    .zip(&self.jacobian)
-                    .for_each(|(value, jacobian)| *value *= jacobian);
+            if self.estimator == Estimator::ExactBaked {
+                let (wo, wi) = (batch.wo.slices(), out.wi.slices());
+                self.backend.eval(wo, wi, out.value.slices_mut())?;
+                self.times_jacobian(&mut out.value);
+            } else {
+                for (i, (rng, &jacobian)) in batch.rng.iter_mut().zip(&self.jacobian).enumerate() {
+                    let (wo, wi) = (batch.wo.unit_at(i), out.wi.unit_at(i));
+                    let weight = exact_weight(&self.reference, wo, wi, f64::from(jacobian), rng);
+                    out.value.set(i, weight.as_vec3());
+                }
             }
         }
         Ok(self

@@ -5,6 +5,7 @@ use super::heldout::direction;
 use super::measure::BackendFactory;
 use crate::error::Result;
 use bake_runtime::conductor::Conductor;
+use bake_runtime::estimator::exact_weight;
 use bake_runtime::{Bsdf, Rng};
 use glam::DVec3;
 use std::hint::black_box;
@@ -45,7 +46,7 @@ pub fn cost(
 
     let mut native = native()?;
     let mut ort = ort.map(|make| make()).transpose()?;
-    let mut seconds: [Vec<f64>; 7] = Default::default();
+    let mut seconds: [Vec<f64>; 8] = Default::default();
     for _ in 0..ROUNDS {
         let mut laps = Vec::with_capacity(seconds.len());
         let mut lap = |start: Instant| laps.push(start.elapsed().as_secs_f64());
@@ -75,6 +76,14 @@ pub fn cost(
             black_box(bsdf.eval(*wo, wi, &mut Rng::new(&[KEY, i as u64])));
         }
         lap(start);
+        let start = Instant::now();
+        native.sample_jacobian(wo, u, [&mut *x, &mut *y, &mut *z], &mut scalar)?;
+        for (i, wo) in directions.iter().enumerate() {
+            let wi = DVec3::new(x[i].into(), y[i].into(), z[i].into());
+            let mut rng = Rng::new(&[KEY, i as u64]);
+            black_box(exact_weight(bsdf, *wo, wi, scalar[i].into(), &mut rng));
+        }
+        lap(start);
         if let Some(ort) = &mut ort {
             let start = Instant::now();
             ort.sample_learned(wo, u, [&mut *x, &mut *y, &mut *z], [&mut *r, &mut *g, &mut *b])?;
@@ -98,8 +107,8 @@ pub fn cost(
         pdf_ns: ns(3),
         reference_sample_ns: ns(4),
         reference_eval_ns: ns(5),
-        exact_total_ns: ns(1) + ns(5),
-        ort_sample_ns: median(6),
+        exact_total_ns: ns(6),
+        ort_sample_ns: median(7),
         percent_of_fma_peak: None,
     })
 }

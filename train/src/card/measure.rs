@@ -8,17 +8,18 @@ use super::{Bias, Spread, StratumErrors};
 use crate::Tick;
 use crate::error::{Error, Result};
 use crate::slice::{LUMINANCE, r2};
+use bake_runtime::Rng;
 use bake_runtime::backend::Backend;
 use bake_runtime::conductor::Conductor;
+use bake_runtime::estimator::exact_weight;
 use bake_runtime::frame::Frame;
-use bake_runtime::{Bsdf, Rng};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// R2 points behind the binning and the learned estimator.
-pub const BINNING_POINTS: u64 = 1 << 20;
+pub const BINNING_POINTS: u64 = 1 << 21;
 /// Random points behind the exact estimators and the χ² test.
 const EXACT_POINTS: usize = 1 << 18;
 /// Points in the frame's square behind the errors of the evaluation and pdf networks.
@@ -236,7 +237,7 @@ fn exact_estimators(
             counts[truth.bins.index(wi)] += 1;
             folds += u64::from(jacobian < 0.0);
             let mut walk = Rng::new(&[KEY, key, call as u64, i as u64]);
-            let weight = bsdf.eval(truth.wo, wi, &mut walk) * jacobian;
+            let weight = exact_weight(bsdf, truth.wo, wi, jacobian, &mut walk);
             exact.add(weight);
             luminance.add(DVec3::splat(weight.dot(LUMINANCE)));
             weight_max = weight_max.max(weight.dot(LUMINANCE));
