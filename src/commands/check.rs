@@ -7,12 +7,16 @@ use crate::{backends, output};
 use anyhow::{Context, Result};
 use bake_runtime::BakedMaterial;
 use bake_runtime::native::Tier;
+use bake_train::card::heldout::PER_STRATUM;
 use bake_train::card::{self, Card, Size, TrainingCost};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Name of the card in a baked folder.
 pub const CARD_FILE: &str = "card.json";
+
+/// Of the held-out directions, a quick bake measures every so many.
+pub const QUICK_EVERY: usize = 4;
 
 /// What is known of a bake besides what can be measured.
 pub struct Provenance {
@@ -40,7 +44,7 @@ pub fn run(options: &CheckOptions) -> Result<()> {
             training: None,
         },
     };
-    let card = measure(&material, &options.model, provenance, &Stages::new())?;
+    let card = measure(&material, &options.model, provenance, 1, &Stages::new())?;
     if options.json {
         return output::json(&card);
     }
@@ -62,11 +66,12 @@ fn read_card(path: &Path) -> Result<Option<Card>> {
     Ok(Some(card))
 }
 
-/// Measures the card of `material`, whose ONNX files lie in `folder`.
+/// Measures the card of `material`, whose ONNX files lie in `folder`, on every `every`-th held-out direction.
 pub fn measure(
     material: &BakedMaterial,
     folder: &Path,
     provenance: Provenance,
+    every: usize,
     stages: &Stages,
 ) -> Result<Card> {
     let native = || backends::native(material);
@@ -100,6 +105,7 @@ pub fn measure(
         Tier::best().name(),
         &native,
         has_ort.then_some(&ort),
+        every,
         &|done, total| stages.report("checking held-out slices", done, total),
     )?;
     stages.finish();
@@ -118,6 +124,7 @@ pub fn measure(
             .map(|n| (n.spec.role.name().to_string(), Size::of(n)))
             .collect(),
         training: provenance.training,
+        heldout_per_stratum: PER_STRATUM.div_ceil(every),
         errors,
         parity,
         cost,

@@ -147,7 +147,8 @@ fn bake_material(
             fallback_maps: baked.fallbacks,
         }),
     };
-    let card = check::measure(&baked.material, folder, provenance, stages)?;
+    let every = if options.quick { check::QUICK_EVERY } else { 1 };
+    let card = check::measure(&baked.material, folder, provenance, every, stages)?;
     write_json(&folder.join(CARD_FILE), &card)?;
     seconds.check += clock.elapsed().as_secs_f64();
     Ok(card)

@@ -18,7 +18,10 @@ pub fn direction(theta_deg: f64, phi_deg: f64) -> DVec3 {
     DVec3::new(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
 }
 
-/// Strata by name, each with its 32 directions.
+/// Directions per stratum.
+pub const PER_STRATUM: usize = 32;
+
+/// Strata by name, each with its [`PER_STRATUM`] directions.
 pub fn strata() -> BTreeMap<String, Vec<DVec3>> {
     let file: File = serde_json::from_str(HELDOUT).expect("the held-out file is compiled in");
     file.wo
@@ -39,7 +42,7 @@ mod tests {
             ("theta_75_85", 75.0, 85.0),
             ("theta_85_89", 85.0, 89.0),
         ] {
-            assert_eq!(strata[name].len(), 32);
+            assert_eq!(strata[name].len(), PER_STRATUM);
             assert!(
                 strata[name]
                     .iter()

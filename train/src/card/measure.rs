@@ -53,19 +53,25 @@ struct Measured {
     pdf_log_l1: f64,
 }
 
-/// Measures all strata.
+/// Measures all strata, on every `every`-th of their directions.
 ///
 /// # Errors
 /// [`Error::Interrupted`] when `tick` breaks; whatever the backend reports.
 pub fn errors(
     bsdf: &Conductor,
     backend: BackendFactory,
+    every: usize,
     tick: Tick,
 ) -> Result<BTreeMap<String, StratumErrors>> {
     let strata = heldout::strata();
     let all: Vec<(&String, u64, DVec3)> = strata
         .iter()
-        .flat_map(|(name, wos)| wos.iter().enumerate().map(move |(i, wo)| (name, i as u64, *wo)))
+        .flat_map(|(name, wos)| {
+            wos.iter()
+                .enumerate()
+                .step_by(every)
+                .map(move |(i, wo)| (name, i as u64, *wo))
+        })
         .collect();
     let done = AtomicU64::new(0);
     let measured: Result<Vec<Measured>> = all

@@ -161,6 +161,8 @@ pub struct Card {
     pub networks: BTreeMap<String, Size>,
     /// What the training cost; `None` where nobody recorded it.
     pub training: Option<TrainingCost>,
+    /// Held-out directions measured per stratum; 32 unless the bake was a quick one.
+    pub heldout_per_stratum: usize,
     /// Errors per stratum: `theta_0_75`, `theta_75_85`, `theta_85_89`.
     pub errors: BTreeMap<String, StratumErrors>,
     /// Agreement of backends.
@@ -182,7 +184,8 @@ impl Size {
     }
 }
 
-/// Measures everything of a card that does not come from its making: errors, parity, cost.
+/// Measures everything of a card that does not come from its making: errors on every `every`-th held-out direction,
+/// parity, cost.
 ///
 /// # Errors
 /// [`crate::Error::Interrupted`] when `tick` breaks; whatever a backend reports.
@@ -191,10 +194,11 @@ pub fn check(
     tier: &str,
     native: BackendFactory,
     ort: Option<BackendFactory>,
+    every: usize,
     tick: Tick,
 ) -> Result<(BTreeMap<String, StratumErrors>, Parity, Cost)> {
     let bsdf = material.sample.spec.material.reference()?;
-    let errors = measure::errors(&bsdf, native, tick)?;
+    let errors = measure::errors(&bsdf, native, every, tick)?;
     Ok((
         errors,
         parity::parity(material, native, ort)?,
