@@ -34,9 +34,6 @@ pub const THETA_MAX_DEG: f64 = 89.9;
 /// Exponent of the draw of θ_o = θ_max·ξ^p: p < 1 puts more slices next to the horizon.
 const THETA_EXPONENT: f64 = 0.7;
 
-/// Share of slices beyond which a fallback map is an error rather than a note.
-pub const FALLBACK_MAX: f64 = 0.02;
-
 /// One slice with its map.
 #[derive(Clone, Debug)]
 pub struct MappedSlice {

@@ -174,19 +174,26 @@ mod tests {
     /// The same for its gradient (third order).
     const GRADIENT_TOL: f64 = 3e-3;
 
-    /// A function of √e next to the edge, on 64 crowded cells.
-    const EDGE_TOL: f64 = 2e-3;
+    /// Largest error of a boundary layer in √e of width 0.03 on 64 crowded cells, outermost half cell included.
+    const EDGE_TOL: f64 = 0.2;
+    /// Even cells do worse by at least this factor: what the crowding is for.
+    const EDGE_GAIN: f64 = 4.0;
 
     #[test]
     fn crowded_cells_resolve_a_square_root_at_the_edge() {
         let n = 64;
         let f = |s: [f64; 2]| (0.03 / (s[0].sqrt() + 0.03)).ln() + s[1];
-        let values: Vec<f64> = (0..n * n).map(|k| f(edge_cell_centre(k, n))).collect();
-        let spline = EdgeSpline::new(&values, n);
-        for i in 0..200 {
-            let s = [10f64.powf(-5.0 + 0.02 * f64::from(i)) * 0.9, 0.4];
-            assert!((spline.at(s).0 - f(s)).abs() < EDGE_TOL, "{s:?}");
-        }
+        let crowded: Vec<f64> = (0..n * n).map(|k| f(edge_cell_centre(k, n))).collect();
+        let even: Vec<f64> = (0..n * n).map(|k| f(cell_centre(k, n))).collect();
+        let (crowded, even) = (EdgeSpline::new(&crowded, n), Spline::new(&even, n));
+        let positions = || (0..200).map(|i| [10f64.powf(-5.0 + 0.02 * f64::from(i)) * 0.9, 0.4]);
+        let ours = positions()
+            .map(|s| (crowded.at(s).0 - f(s)).abs())
+            .fold(0.0, f64::max);
+        let theirs = positions()
+            .map(|s| (even.at(s).0 - f(s)).abs())
+            .fold(0.0, f64::max);
+        assert!(ours < EDGE_TOL && EDGE_GAIN * ours < theirs, "{ours} {theirs}");
         let area: f64 = (0..n * n).map(|k| edge_cell_weight(k, n)).sum();
         assert!((area / (n * n) as f64 - 1.0).abs() < NODE_TOL);
     }

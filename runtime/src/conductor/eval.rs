@@ -49,9 +49,9 @@ impl Conductor {
             return DVec3::ZERO;
         }
         let (from, to) = (End::new(wo, self.alpha), End::new(wi, self.alpha));
-        let forward = self.from_one_end(&from, &to, rng);
+        let forward = self.one_ended(&from, &to, rng);
         // f is reciprocal: f(wo, wi)·cos θ_i = f(wi, wo)·cos θ_o · cos θ_i / cos θ_o.
-        let backward = self.from_one_end(&to, &from, rng);
+        let backward = self.one_ended(&to, &from, rng);
         forward + backward * (wi.z / wo.z)
     }
 
@@ -61,7 +61,7 @@ impl Conductor {
     /// direction with density p(from → first), walking from `to` draws the last one, reversed, with density
     /// p(to → −last). What lies between is drawn by both, and the Smith model is reciprocal for every sequence of
     /// directions once heights are integrated out, so shares made of these two densities sum to 1.
-    fn from_one_end(&self, from: &End, to: &End, rng: &mut Rng) -> DVec3 {
+    fn one_ended(&self, from: &End, to: &End, rng: &mut Rng) -> DVec3 {
         let mut own = None;
         let mut sum = DVec3::ZERO;
         let u = rng.pair();

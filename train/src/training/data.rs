@@ -1,7 +1,6 @@
 //! The training set in memory: splines of every slice's densities, its map, and how batches are drawn.
 
 use crate::maps::{CELLS, MappedSlice};
-use crate::slice::LUMINANCE;
 use crate::spline::EdgeSpline;
 use bake_runtime::Rng;
 use bake_runtime::encoding::{GRAZING_FEATURES, grazing};
@@ -107,10 +106,5 @@ impl TrainingSet {
         };
         let (a, b, c, d) = (node(i, j), node(i + 1, j), node(i, j + 1), node(i + 1, j + 1));
         std::array::from_fn(|k| (1.0 - t) * ((1.0 - s) * a[k] + s * b[k]) + t * ((1.0 - s) * c[k] + s * d[k]))
-    }
-
-    /// Luminance albedo of slice `k`.
-    pub fn luminance_albedo(&self, k: usize) -> f64 {
-        self.albedo[k].dot(LUMINANCE)
     }
 }
