@@ -89,7 +89,10 @@ fn samples_match_the_reference_within_the_cards_limit() {
 
 #[test]
 fn a_damaged_map_fails() {
-    let (_, mut material) = vase();
+    let (folder, mut material) = vase();
+    // Tighter than the limit on the mean: what the worst held-out direction scores, and the subset's slack.
+    let limit = SUBSET_FACTOR * card(&folder).errors["theta_0_75"].binning_l1.worst;
+    assert!(limit <= BINNING_LIMIT);
     let wo = heldout::direction(40.0, 30.0);
     let (sound, _) = binning_l1(&material, wo);
     let last = material.sample.net.last_mut().expect("layers");
@@ -97,9 +100,9 @@ fn a_damaged_map_fails() {
     last.weight[..width].iter_mut().for_each(|w| *w *= DAMAGE);
     last.bias[0] *= DAMAGE;
     let (damaged, _) = binning_l1(&material, wo);
-    assert!(sound <= BINNING_LIMIT, "{sound}");
+    assert!(sound <= limit, "{sound}");
     assert!(
-        damaged > BINNING_LIMIT,
+        damaged > limit,
         "a map with one output scaled by {DAMAGE} still scores {damaged}"
     );
 }
