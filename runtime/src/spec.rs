@@ -18,8 +18,11 @@ pub const WARP_SHIFT_MAX: f64 = 12.0;
 /// Bound of every exponent in an exp head: e³⁰ ≈ 1e13 exceeds any f_cos a baked material reaches.
 pub const EXPONENT_MAX: f64 = 30.0;
 
-/// Smallest u a warp head uses: f32 uniforms are multiples of 2⁻²⁴, so this stands for u = 0 alone.
-pub const U_MIN: f64 = 1.0 / (1u64 << 25) as f64;
+/// Smallest u a warp head uses; smaller ones, one in a million, count as this.
+///
+/// At the edge itself directions lie on the horizon, where dω/du grows as 1/√u while f_cos falls as √u: their
+/// product tends to a constant, so the weight loses nothing, and the Jacobian alone stays within f32's means.
+pub const U_MIN: f64 = 1.0 / (1u64 << 20) as f64;
 
 /// What a network is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -44,15 +44,19 @@ impl<const R: usize> Rows<R> {
         for ((weights, bias), out) in groups.zip(out.as_chunks_mut::<R>().0) {
             let zero = inputs[0][0].splat(0.0);
             let mut sums = [[zero; N]; R];
-            for (sum, &bias) in sums.iter_mut().zip(bias) {
-                *sum = C::start(zero.splat(bias));
-            }
             for (weight, input) in weights.iter().zip(inputs) {
                 for (sum, &weight) in sums.iter_mut().zip(weight) {
                     let weight = zero.splat(weight);
                     for (sum, &input) in sum.iter_mut().zip(input) {
                         *sum = weight.mul_add(input, *sum);
                     }
+                }
+            }
+            // The bias comes last, as in other engines' matrix products: the same order of the same roundings leaves
+            // the fewest differences from them.
+            for (sum, &bias) in sums.iter_mut().zip(bias) {
+                for (sum, bias) in sum.iter_mut().zip(C::bias(zero.splat(bias))) {
+                    *sum = *sum + bias;
                 }
             }
             // Whole first: a loop that picks rows out of `sums` would keep them in memory throughout.
@@ -66,8 +70,8 @@ impl<const R: usize> Rows<R> {
 
 /// What the columns of a block are: where the bias goes and what the activation does to them.
 pub trait Columns<V: Vector, const N: usize> {
-    /// The columns before the first input is added.
-    fn start(bias: V) -> [V; N];
+    /// What the bias adds to each column.
+    fn bias(bias: V) -> [V; N];
 
     /// The activation.
     fn finish(sum: [V; N]) -> [V; N];
@@ -87,7 +91,7 @@ pub struct Tangents;
 
 impl<V: Vector, const N: usize> Columns<V, N> for Linear<Values> {
     #[inline(always)]
-    fn start(bias: V) -> [V; N] {
+    fn bias(bias: V) -> [V; N] {
         [bias; N]
     }
 
@@ -99,7 +103,7 @@ impl<V: Vector, const N: usize> Columns<V, N> for Linear<Values> {
 
 impl<V: Vector, const N: usize> Columns<V, N> for Silu<Values> {
     #[inline(always)]
-    fn start(bias: V) -> [V; N] {
+    fn bias(bias: V) -> [V; N] {
         [bias; N]
     }
 
@@ -114,7 +118,7 @@ impl<V: Vector, const N: usize> Columns<V, N> for Silu<Values> {
 
 impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Linear<Tangents> {
     #[inline(always)]
-    fn start(bias: V) -> [V; TANGENT_COLUMNS] {
+    fn bias(bias: V) -> [V; TANGENT_COLUMNS] {
         [bias, bias.splat(0.0), bias.splat(0.0)]
     }
 
@@ -126,8 +130,8 @@ impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Linear<Tangents> {
 
 impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Silu<Tangents> {
     #[inline(always)]
-    fn start(bias: V) -> [V; TANGENT_COLUMNS] {
-        Linear::<Tangents>::start(bias)
+    fn bias(bias: V) -> [V; TANGENT_COLUMNS] {
+        Linear::<Tangents>::bias(bias)
     }
 
     #[inline(always)]

@@ -11,6 +11,9 @@ use std::sync::Arc;
 /// Exponent that favours grazing slices in batches: rank 1 − ξ^p among slices sorted by θ_o.
 const GRAZING_EXPONENT: f64 = 1.3;
 
+/// Smallest coordinate of a position: its logit must be finite.
+const POSITION_MIN: f32 = 1.0 / (1u32 << 25) as f32;
+
 /// What the training of a material draws from.
 pub struct TrainingSet {
     /// ln of the luminance density, mean 1 over the square, per slice.
@@ -28,7 +31,7 @@ pub struct TrainingSet {
 pub struct Batch {
     /// Slice of each sample.
     pub slices: Arc<Vec<usize>>,
-    /// Position of each sample, in `[2⁻²⁵, 1 − 2⁻²⁴]`.
+    /// Position of each sample, in `[POSITION_MIN, 1 − 2⁻²⁴]`.
     pub positions: Vec<[f32; 2]>,
 }
 
@@ -65,7 +68,7 @@ impl TrainingSet {
         for _ in 0..size {
             let rank = 1.0 - rng.uniform().powf(GRAZING_EXPONENT);
             slices.push(((rank * count as f64) as usize).min(count - 1));
-            let bound = |v: f64| (v as f32).clamp(bake_runtime::spec::U_MIN as f32, 1.0 - f32::EPSILON / 2.0);
+            let bound = |v: f64| (v as f32).clamp(POSITION_MIN, 1.0 - f32::EPSILON / 2.0);
             positions.push(rng.pair().map(bound));
         }
         Batch {
