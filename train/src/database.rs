@@ -8,6 +8,7 @@ use crate::error::{Error, Result};
 use crate::maps::{CELLS, MappedSlice};
 use crate::nn::frame::FrameNetwork;
 use crate::slice::{SliceTable, WALKS};
+use crate::tensors;
 use bake_runtime::conductor::Conductor;
 use bake_runtime::frame::Frame;
 use bake_runtime::network::write_atomically;
@@ -142,33 +143,11 @@ pub fn load_shard(
         return Ok(None);
     }
     let n = CELLS * CELLS;
-    let floats = |name: &str, per_slice: usize| -> Result<Vec<f32>> {
-        let view = file
-            .tensor(name)
-            .map_err(|_| broken(format!("tensor `{name}` is missing")))?;
-        let values: Vec<f32> = view
-            .data()
-            .chunks_exact(4)
-            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-            .collect();
-        match view.dtype() == Dtype::F32 && values.len() == count * per_slice {
-            true => Ok(values),
-            false => Err(broken(format!("tensor `{name}` has the wrong type or size"))),
-        }
+    let floats = |name: &str, per_slice: usize| {
+        tensors::read(&file, name, Dtype::F32, count * per_slice, f32::from_le_bytes).map_err(broken)
     };
-    let doubles = |name: &str, per_slice: usize| -> Result<Vec<f64>> {
-        let view = file
-            .tensor(name)
-            .map_err(|_| broken(format!("tensor `{name}` is missing")))?;
-        let values: Vec<f64> = view
-            .data()
-            .chunks_exact(8)
-            .map(|b| f64::from_le_bytes(std::array::from_fn(|i| b[i])))
-            .collect();
-        match view.dtype() == Dtype::F64 && values.len() == count * per_slice {
-            true => Ok(values),
-            false => Err(broken(format!("tensor `{name}` has the wrong type or size"))),
-        }
+    let doubles = |name: &str, per_slice: usize| {
+        tensors::read(&file, name, Dtype::F64, count * per_slice, f64::from_le_bytes).map_err(broken)
     };
     let (wo, frame, constant) = (doubles("wo", 3)?, doubles("frame", 5)?, doubles("constant", 1)?);
     let (log_density, map, potential) = (

@@ -10,6 +10,7 @@ pub mod nn;
 pub mod optimiser;
 pub mod slice;
 pub mod spline;
+mod tensors;
 pub mod training;
 pub mod transport;
 

@@ -5,6 +5,7 @@ use crate::Tick;
 use crate::error::{Error, Result};
 use crate::nn::mlp::Mlp;
 use crate::optimiser::{Optimiser, Parameter};
+use crate::tensors;
 use bake_runtime::Rng;
 use bake_runtime::network::write_atomically;
 use candle_core::{Tensor, Var};
@@ -198,20 +199,8 @@ impl Trainer {
         if found != Some(&self.fingerprint) {
             return Err(broken("it belongs to another training run".into()));
         }
-        let read = |name: String, length: usize| -> Result<Vec<f32>> {
-            let view = file
-                .tensor(&name)
-                .map_err(|_| broken(format!("tensor `{name}` is missing")))?;
-            let values: Vec<f32> = view
-                .data()
-                .chunks_exact(4)
-                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-                .collect();
-            if values.len() == length {
-                Ok(values)
-            } else {
-                Err(broken(format!("tensor `{name}` has the wrong size")))
-            }
+        let read = |name: String, length: usize| {
+            tensors::read(&file, &name, Dtype::F32, length, f32::from_le_bytes).map_err(broken)
         };
         let load = |(i, p): (usize, &Parameter)| -> Result<Parameter> {
             let n = p.value.len();
@@ -229,17 +218,8 @@ impl Trainer {
             .enumerate()
             .map(load)
             .collect::<Result<Vec<_>>>()?;
-        let step = file
-            .tensor("step")
-            .map_err(|_| broken("tensor `step` is missing".into()))?;
-        let step = step
-            .data()
-            .try_into()
-            .map_err(|_| broken("tensor `step` has the wrong size".into()))?;
-        self.optimiser = Optimiser {
-            parameters,
-            step: u64::from_le_bytes(step),
-        };
+        let step = tensors::read(&file, "step", Dtype::U64, 1, u64::from_le_bytes).map_err(broken)?[0];
+        self.optimiser = Optimiser { parameters, step };
         self.publish()
     }
 }
