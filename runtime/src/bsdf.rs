@@ -1,30 +1,138 @@
 //! The interface of a reference BSDF with its parameters bound.
 
 use crate::random::Rng;
-use glam::DVec3;
+use crate::real::{Real, Vec3};
+
+/// How far the squared length of a unit vector may be from 1: f32 callers with a few operations of round-off pass.
+pub const UNIT_TOL: Real = 1e-4;
+
+/// Independent parts of a mean whose spread gives its standard error.
+const REPLICATES: u64 = 16;
+
+/// Key of the numbers behind [`Bsdf::albedo`].
+const ALBEDO_KEY: u64 = 0xa1be_d000;
 
 /// One direction drawn by [`Bsdf::sample`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
     /// Unit vector to the light, shading frame, z > 0.
-    pub wi: DVec3,
+    pub wi: Vec3,
     /// `f_cos / pdf` of the technique that drew it, RGB, dimensionless.
-    pub weight: DVec3,
+    pub weight: Vec3,
 }
 
-/// A reflecting BSDF in f64, in the shading frame (z = normal).
+/// A mean with its standard error, RGB.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Estimate {
+    /// The mean.
+    pub mean: Vec3,
+    /// Its standard error.
+    pub se: Vec3,
+}
+
+/// A reflecting BSDF in the shading frame (z = normal).
 ///
-/// `wo` (to the camera) and `wi` (to the light) are unit vectors away from the surface.
-/// Where either points below the horizon, or is not finite, `eval` and `pdf` are zero and `sample` is `None`.
+/// `wo` (to the camera) and `wi` (to the light) are unit vectors away from the surface. Where either points below
+/// the horizon, is not finite, or not of length 1 (its square within [`UNIT_TOL`]), `eval` and `pdf` are zero and
+/// `sample` and `propose` are `None`.
 pub trait Bsdf: Send + Sync {
     /// `f(wo, wi)·cos θ_i`, RGB, sr⁻¹: the value, or an unbiased estimate of it that draws from `rng`.
-    fn eval(&self, wo: DVec3, wi: DVec3, rng: &mut Rng) -> DVec3;
+    fn eval(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> Vec3;
 
     /// Draws `wi`; `u` in `[0,1)²` steers the first interaction, everything after it draws from `rng`.
-    fn sample(&self, wo: DVec3, u: [f64; 2], rng: &mut Rng) -> Option<BsdfSample>;
-
-    /// A normalised density of `wi`, sr⁻¹, for the weights of multiple importance sampling.
     ///
-    /// Where `sample` is a random walk this only approximates its density and must never divide a contribution.
-    fn pdf(&self, wo: DVec3, wi: DVec3) -> f64;
+    /// The mean of the weight is the albedo; `None` counts as a weight of zero.
+    fn sample(&self, wo: Vec3, u: [Real; 2], rng: &mut Rng) -> Option<BsdfSample>;
+
+    /// A density of `wi`, sr⁻¹, that integrates to 1 over the hemisphere: that of [`Bsdf::propose`].
+    ///
+    /// Where `sample` is a random walk this only approximates its density: good for the weights of multiple
+    /// importance sampling, but it must never divide what `sample` drew.
+    fn pdf(&self, wo: Vec3, wi: Vec3) -> Real;
+
+    /// Draws `wi` from exactly [`Bsdf::pdf`]; `u` in `[0,1)²`. `None` only where `wo` is no direction above the
+    /// horizon.
+    fn propose(&self, wo: Vec3, u: [Real; 2]) -> Option<Vec3>;
+
+    /// Whether `eval` draws from its `rng`.
+    fn is_stochastic(&self) -> bool;
+
+    /// The BSDF over all `wi` for one `wo`, for many evaluations that may share their noise.
+    ///
+    /// `walks` random walks from `wo`, keyed by `seed` and `wo`, serve every direction (common random numbers):
+    /// [`Slice::eval`] is unbiased at each, and its error varies smoothly from one to the next. Deterministic models
+    /// need no walks.
+    fn slice(&self, wo: Vec3, walks: usize, seed: u64) -> Box<dyn Slice + '_>;
+
+    /// Directional albedo ∫ f_cos dω_i: the mean weight of `samples` calls of [`Bsdf::sample`].
+    ///
+    /// Points of the R2 sequence under 16 random shifts, which also give the standard error. At least 32 samples
+    /// are taken.
+    fn albedo(&self, wo: Vec3, samples: u64, seed: u64) -> Estimate {
+        let each = samples.div_ceil(REPLICATES).max(2);
+        let (mut sum, mut square) = (Vec3::ZERO, Vec3::ZERO);
+        for replicate in 0..REPLICATES {
+            let key = [ALBEDO_KEY, seed, replicate];
+            let shift = Rng::new(&key).pair();
+            let mut part = Vec3::ZERO;
+            for i in 0..each {
+                let mut rng = Rng::new(&[key[0], key[1], key[2], i + 1]);
+                let sample = self.sample(wo, shifted_r2(i, shift), &mut rng);
+                part += sample.map_or(Vec3::ZERO, |s| s.weight);
+            }
+            part /= each as Real;
+            sum += part;
+            square += part * part;
+        }
+        let n = REPLICATES as Real;
+        let mean = sum / n;
+        let variance = ((square / n - mean * mean) / (n - 1.0)).max(Vec3::ZERO);
+        Estimate {
+            mean,
+            se: Vec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt()),
+        }
+    }
+}
+
+/// One slice of a BSDF: see [`Bsdf::slice`].
+pub trait Slice: Send + Sync {
+    /// `f_cos` at `wi`, RGB, sr⁻¹.
+    fn eval(&self, wi: Vec3) -> Vec3;
+}
+
+/// The slice of a model that needs no random numbers.
+pub(crate) struct DirectSlice<'a, B: Bsdf> {
+    /// The model.
+    pub bsdf: &'a B,
+    /// Its one direction to the camera.
+    pub wo: Vec3,
+}
+
+impl<B: Bsdf> Slice for DirectSlice<'_, B> {
+    fn eval(&self, wi: Vec3) -> Vec3 {
+        self.bsdf.eval(self.wo, wi, &mut Rng::new(&[]))
+    }
+}
+
+/// Whether `w` is a finite unit vector above the horizon.
+#[inline]
+pub(crate) fn usable(w: Vec3) -> bool {
+    // A NaN anywhere fails the comparison.
+    w.z > 0.0 && (w.length_squared() - 1.0).abs() <= UNIT_TOL
+}
+
+/// Point `index` of the R2 sequence (Roberts 2018, *The Unreasonable Effectiveness of Quasirandom Sequences*),
+/// shifted on the torus: low discrepancy, no tables.
+pub fn shifted_r2(index: u64, shift: [Real; 2]) -> [Real; 2] {
+    /// The plastic number, the root of x³ = x + 1.
+    const PLASTIC: f64 = 1.324_717_957_244_746;
+    let at = |a: f64, shift: Real| {
+        let v = (0.5 + (index + 1) as f64 * a).fract() as Real + shift;
+        // A sum of 1 or more in the target's precision wraps to a number below 1.
+        v - v.floor()
+    };
+    [
+        at(1.0 / PLASTIC, shift[0]),
+        at(1.0 / (PLASTIC * PLASTIC), shift[1]),
+    ]
 }

@@ -1,5 +1,6 @@
 //! The one error type of this crate.
 
+use crate::real::Real;
 use std::path::PathBuf;
 
 /// What can go wrong when a material or a network is described, loaded or queried.
@@ -73,5 +74,20 @@ impl Error {
             path: path.into(),
             reason: reason.into(),
         }
+    }
+}
+
+/// Checks that every element of the parameter `name` lies in `lowest..=highest`.
+pub(crate) fn check(name: &str, values: &[Real], lowest: Real, highest: Real) -> Result<()> {
+    match values.iter().position(|v| !(lowest..=highest).contains(v)) {
+        Some(i) => Err(Error::parameter(
+            if values.len() == 1 {
+                name.to_string()
+            } else {
+                format!("{name}[{i}]")
+            },
+            format!("is {}, but must lie in {lowest}..{highest}", values[i]),
+        )),
+        None => Ok(()),
     }
 }

@@ -16,7 +16,7 @@ const EXTRA_WALKS: f64 = 8.0;
 /// much rests on walks; their number follows from it, before any of them is taken. Any `pdf` is correct.
 pub fn exact_f_cos(bsdf: &Conductor, wo: DVec3, wi: DVec3, pdf: f64, rng: &mut Rng) -> DVec3 {
     let single = bsdf.single(wo, wi);
-    let explained = single.element_sum() / (pdf * bsdf.reflectance.element_sum());
+    let explained = single.element_sum() / (pdf * bsdf.fresnel.normal().element_sum());
     // A black surface explains nothing: NaN counts as no extra walks.
     let walks = 1 + (EXTRA_WALKS * (1.0 - explained).clamp(0.0, 1.0)) as u32;
     let multiple: DVec3 = (0..walks).map(|_| bsdf.multiple(wo, wi, rng)).sum();

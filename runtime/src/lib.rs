@@ -13,17 +13,20 @@ pub mod encoding;
 pub mod error;
 pub mod estimator;
 pub mod frame;
+pub mod fresnel;
 pub mod material;
+pub mod microfacet;
 pub mod native;
 pub mod network;
 #[cfg(feature = "ort")]
 pub mod onnxruntime;
 pub mod oracle;
 pub mod random;
+pub mod real;
 pub mod spec;
 
 pub use backend::{Backend, BakedMaterial};
-pub use bsdf::{Bsdf, BsdfSample};
+pub use bsdf::{Bsdf, BsdfSample, Estimate, Slice};
 pub use error::{Error, Result};
 pub use material::Material;
 pub use network::{Dense, Network};

@@ -3,6 +3,8 @@
 //!
 //! Source: Steele, Lea and Flood 2014, *Fast Splittable Pseudorandom Number Generators* (SplitMix64).
 
+use crate::real::Real;
+
 /// Increment of the Weyl sequence behind SplitMix64: the odd integer nearest 2⁶⁴/φ.
 const GOLDEN_GAMMA: u64 = 0x9e37_79b9_7f4a_7c15;
 
@@ -34,13 +36,14 @@ impl Rng {
         mix(self.state)
     }
 
-    /// Uniform in `[0, 1)`, a multiple of 2⁻⁵³.
-    pub fn uniform(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+    /// Uniform in `[0, 1)`, a multiple of the spacing of numbers just below 1 (2⁻⁵³).
+    pub fn uniform(&mut self) -> Real {
+        const DIGITS: u32 = Real::MANTISSA_DIGITS;
+        (self.bits() >> (u64::BITS - DIGITS)) as Real * (1.0 / (1u64 << DIGITS) as Real)
     }
 
     /// Two uniforms in `[0, 1)²`.
-    pub fn pair(&mut self) -> [f64; 2] {
+    pub fn pair(&mut self) -> [Real; 2] {
         [self.uniform(), self.uniform()]
     }
 }

@@ -7,24 +7,25 @@
 //! scattering (and of both, at order 2, nearly all of this light) is not drawn but integrated in closed form, so
 //! that every scattering connects and not only those after which the light is still inside.
 
-use super::microsurface::{HalfVector, Stretched, schlick};
+use super::Conductor;
 use super::walk::Event;
-use super::{Conductor, above_horizon};
+use crate::bsdf::usable;
+use crate::microfacet::{HalfVector, Stretched};
 use crate::random::Rng;
-use glam::DVec3;
+use crate::real::{Real, Vec3};
 
 /// Exponent below which the heights of a rising flight take their limit for equal Λ: its error is half of this.
-const EQUAL_LAMBDAS: f64 = 1e-9;
+const EQUAL_LAMBDAS: Real = 1e-9;
 
 /// One end of the light's way.
 struct End {
-    direction: DVec3,
+    direction: Vec3,
     stretched: Stretched,
-    lambda: f64,
+    lambda: Real,
 }
 
 impl End {
-    fn new(direction: DVec3, alpha: [f64; 2]) -> End {
+    fn new(direction: Vec3, alpha: [Real; 2]) -> End {
         let stretched = Stretched::new(direction, alpha);
         let lambda = stretched.lambda_up();
         End {
@@ -35,7 +36,7 @@ impl End {
     }
 
     /// Four times the density of scattering from this end at the visible normal `half`, sr⁻¹.
-    fn density(&self, half: &HalfVector) -> f64 {
+    fn density(&self, half: &HalfVector) -> Real {
         half.density / self.stretched.projected_area()
     }
 }
@@ -44,9 +45,9 @@ impl Conductor {
     /// An unbiased estimate of f_cos of order 2 and up, RGB, sr⁻¹, from one walk from either end.
     ///
     /// Zero unless both directions are above the horizon.
-    pub fn multiple(&self, wo: DVec3, wi: DVec3, rng: &mut Rng) -> DVec3 {
-        if !above_horizon(wo) || !above_horizon(wi) {
-            return DVec3::ZERO;
+    pub fn multiple(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> Vec3 {
+        if !usable(wo) || !usable(wi) {
+            return Vec3::ZERO;
         }
         let (from, to) = (End::new(wo, self.alpha), End::new(wi, self.alpha));
         let forward = self.one_ended(&from, &to, rng);
@@ -61,9 +62,9 @@ impl Conductor {
     /// direction with density p(from → first), walking from `to` draws the last one, reversed, with density
     /// p(to → −last). What lies between is drawn by both, and the Smith model is reciprocal for every sequence of
     /// directions once heights are integrated out, so shares made of these two densities sum to 1.
-    fn one_ended(&self, from: &End, to: &End, rng: &mut Rng) -> DVec3 {
+    fn one_ended(&self, from: &End, to: &End, rng: &mut Rng) -> Vec3 {
         let mut own = None;
-        let mut sum = DVec3::ZERO;
+        let mut sum = Vec3::ZERO;
         let u = rng.pair();
         self.walk_events(from.direction, u, rng, |event| {
             let Event::Scattered {
@@ -85,7 +86,7 @@ impl Conductor {
                     true => self.both_heights(from, direction, to),
                     false => self.next_height(log_c, direction, to),
                 };
-                let phase = schlick(self.reflectance, exit.cos) * (0.25 * exit.density);
+                let phase = self.fresnel.at(exit.cos) * (0.25 * exit.density);
                 sum += throughput * phase * (heights * share);
             }
         });
@@ -99,7 +100,7 @@ impl Conductor {
     /// leaves with probability c₂^Λ_i (Heitz et al. 2016, Eqs. 12–17, in terms of C1). The integral over both,
     /// where the projected area σ(−first), Λ·z or (1 + Λ)·|z|, cancels:
     /// (1 + Λ_o) / (|z|·(1 + Λ_x + Λ)·(1 + Λ_o + Λ_i)), with x = o where `first` rises and i where it falls.
-    fn both_heights(&self, from: &End, first: DVec3, to: &End) -> f64 {
+    fn both_heights(&self, from: &End, first: Vec3, to: &End) -> Real {
         let side = if first.z > 0.0 { from.lambda } else { to.lambda };
         // |z|·(1 + Λ_x + Λ), finite for a horizontal direction: |z|·(1 + Λ) is the projected area.
         let across = first.z.abs() * side + self.area_above(first);
@@ -110,7 +111,7 @@ impl Conductor {
     /// over σ(−`direction`): the integral of [`Conductor::both_heights`] over c₂ alone.
     ///
     /// Falling: c^Λ_i / (|z|·(1 + Λ + Λ_i)). Rising: (c^Λ − c^Λ_i) / (z·(Λ_i − Λ)).
-    fn next_height(&self, log_c: f64, direction: DVec3, to: &End) -> f64 {
+    fn next_height(&self, log_c: Real, direction: Vec3, to: &End) -> Real {
         let z = direction.z.abs();
         let area = self.area_above(direction);
         if direction.z <= 0.0 {
@@ -128,7 +129,7 @@ impl Conductor {
     }
 
     /// Projected area seen from `direction` with its z upward: |z|·(1 + Λ).
-    fn area_above(&self, direction: DVec3) -> f64 {
+    fn area_above(&self, direction: Vec3) -> Real {
         Stretched::new(direction.with_z(direction.z.abs()), self.alpha).projected_area()
     }
 }

@@ -1,51 +1,79 @@
-//! Reference conductor: multiple-scattering anisotropic Smith GGX with Schlick reflectance per colour and bounce.
+//! Reference conductor: multiple-scattering anisotropic Smith GGX, its Fresnel term per colour and bounce.
 //!
 //! Source: Heitz et al. 2016, *Multiple-Scattering Microfacet BSDFs with the Smith Model*. Deviation: `pdf` is a
-//! normalised density (see [`Conductor::sample_vndf`]), not the sum of a single-scattering and a cosine term.
+//! normalised density (see [`crate::microfacet::mirror_pdf`]), not the sum of a single-scattering and a cosine term.
 
 mod eval;
-mod microsurface;
+mod slice;
 mod walk;
 
+pub use slice::ConductorSlice;
 pub use walk::Vertex;
 
-use crate::bsdf::{Bsdf, BsdfSample};
-use crate::error::{Error, Result};
+use crate::bsdf::{Bsdf, BsdfSample, Slice, usable};
+use crate::error::{Result, check};
+use crate::fresnel::MetalFresnel;
+use crate::microfacet::{HalfVector, Stretched, mirror_pdf, sample_mirror};
 use crate::random::Rng;
-use glam::DVec3;
-use microsurface::{HalfVector, Stretched, schlick};
+use crate::real::{Real, Vec3};
 
 /// Multiple-scattering Smith GGX conductor with its parameters bound.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Conductor {
     /// Roughness along x and y of the shading frame, in `[ALPHA_MIN, 1]`.
-    pub alpha: [f64; 2],
-    /// Schlick reflectance at normal incidence (F0), RGB, in `[0, 1]`.
-    pub reflectance: DVec3,
-}
-
-/// Whether the unit vector `w` is finite and above the horizon.
-#[inline]
-fn above_horizon(w: DVec3) -> bool {
-    w.is_finite() && w.z > 0.0
+    pub alpha: [Real; 2],
+    /// How much a facet mirrors.
+    pub fresnel: MetalFresnel,
 }
 
 impl Conductor {
     /// Smallest roughness; below it a surface is a mirror for every purpose of this crate.
-    pub const ALPHA_MIN: f64 = 1e-4;
+    pub const ALPHA_MIN: Real = 1e-4;
 
-    /// Checks and binds the parameters.
+    /// Largest index of refraction and extinction coefficient that is accepted; metals stay below 10 in visible light.
+    pub const IOR_MAX: Real = 100.0;
+
+    /// Smallest index of refraction that is accepted.
+    pub const IOR_MIN: Real = 1e-3;
+
+    /// Checks and binds roughness and Schlick reflectance (F0, RGB).
     ///
     /// # Errors
-    /// [`Error::Parameter`] naming the first of `alpha[i]`, in `[ALPHA_MIN, 1]`, or `reflectance[i]`, in
+    /// [`crate::Error::Parameter`] naming the first of `alpha[i]`, in `[ALPHA_MIN, 1]`, or `reflectance[i]`, in
     /// `[0, 1]`, that is out of range or not a number.
-    pub fn new(alpha: [f64; 2], reflectance: [f64; 3]) -> Result<Conductor> {
-        check("alpha", &alpha, Self::ALPHA_MIN)?;
-        check("reflectance", &reflectance, 0.0)?;
+    pub fn new(alpha: [Real; 2], reflectance: [Real; 3]) -> Result<Conductor> {
+        check("alpha", &alpha, Self::ALPHA_MIN, 1.0)?;
+        check("reflectance", &reflectance, 0.0, 1.0)?;
         Ok(Conductor {
             alpha,
-            reflectance: DVec3::from_array(reflectance),
+            fresnel: MetalFresnel::Schlick(Vec3::from_array(reflectance)),
         })
+    }
+
+    /// Checks and binds roughness and the complex index of refraction `eta` + i·`k`, RGB.
+    ///
+    /// # Errors
+    /// [`crate::Error::Parameter`] naming the first of `alpha[i]`, in `[ALPHA_MIN, 1]`, `ior.eta[i]`, in
+    /// `[IOR_MIN, IOR_MAX]`, or `ior.k[i]`, in `[0, IOR_MAX]`, that is out of range or not a number.
+    pub fn with_ior(alpha: [Real; 2], eta: [Real; 3], k: [Real; 3]) -> Result<Conductor> {
+        check("alpha", &alpha, Self::ALPHA_MIN, 1.0)?;
+        check("ior.eta", &eta, Self::IOR_MIN, Self::IOR_MAX)?;
+        check("ior.k", &k, 0.0, Self::IOR_MAX)?;
+        Ok(Conductor {
+            alpha,
+            fresnel: MetalFresnel::Complex {
+                eta: Vec3::from_array(eta),
+                k: Vec3::from_array(k),
+            },
+        })
+    }
+
+    /// The same surface mirroring all light.
+    pub fn white(&self) -> Conductor {
+        Conductor {
+            fresnel: MetalFresnel::Schlick(Vec3::ONE),
+            ..self.clone()
+        }
     }
 
     /// Analytic single scattering: `f_cos`, RGB, sr⁻¹.
@@ -54,60 +82,43 @@ impl Conductor {
     /// Masking-Shadowing Function in Microfacet-Based BRDFs*, Eq. 99), written without the Λ so that it stays
     /// finite at the horizon. Zero unless both directions are above it.
     #[inline]
-    pub fn single(&self, wo: DVec3, wi: DVec3) -> DVec3 {
-        if !above_horizon(wo) || !above_horizon(wi) {
-            return DVec3::ZERO;
+    pub fn single(&self, wo: Vec3, wi: Vec3) -> Vec3 {
+        if !usable(wo) || !usable(wi) {
+            return Vec3::ZERO;
         }
         let half = HalfVector::new(wo, wi, self.alpha);
-        let length = |w: DVec3| Stretched::new(w, self.alpha).length();
+        let length = |w: Vec3| Stretched::new(w, self.alpha).length();
         let masking = wi.z / (2.0 * (length(wo) * wi.z + length(wi) * wo.z));
-        schlick(self.reflectance, half.cos) * (half.density * masking)
-    }
-
-    /// Draws `wi` by mirroring `wo` at a visible normal; a direction below the horizon is mirrored up.
-    ///
-    /// `u` in `[0,1)²`. The density of `wi` is exactly [`Bsdf::pdf`]. `None` when `wo` is not above the horizon.
-    #[inline]
-    pub fn sample_vndf(&self, wo: DVec3, u: [f64; 2]) -> Option<DVec3> {
-        if !above_horizon(wo) {
-            return None;
-        }
-        let eye = Stretched::new(wo, self.alpha);
-        let (wi, _) = eye.mirror(eye.visible_normal(self.alpha, u));
-        Some(wi.with_z(wi.z.abs().max(f64::MIN_POSITIVE)))
-    }
-}
-
-/// Checks that every element of the parameter `name` lies in `lowest..=1`.
-fn check(name: &str, values: &[f64], lowest: f64) -> Result<()> {
-    match values.iter().position(|v| !(lowest..=1.0).contains(v)) {
-        Some(i) => Err(Error::parameter(
-            format!("{name}[{i}]"),
-            format!("is {}, but must lie in {lowest}..1", values[i]),
-        )),
-        None => Ok(()),
+        self.fresnel.at(half.cos) * (half.density * masking)
     }
 }
 
 impl Bsdf for Conductor {
     /// Single scattering exactly, and [`Conductor::multiple`] for the rest.
-    fn eval(&self, wo: DVec3, wi: DVec3, rng: &mut Rng) -> DVec3 {
+    fn eval(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> Vec3 {
         self.single(wo, wi) + self.multiple(wo, wi, rng)
     }
 
     /// One walk: its weight is at most 1.
-    fn sample(&self, wo: DVec3, u: [f64; 2], rng: &mut Rng) -> Option<BsdfSample> {
+    fn sample(&self, wo: Vec3, u: [Real; 2], rng: &mut Rng) -> Option<BsdfSample> {
         self.walk(wo, u, rng, |_| ())
     }
 
-    /// Density of [`Conductor::sample_vndf`], sr⁻¹: that of mirroring at a visible normal, D(h)/(4 σ(wo)), at `wi`
-    /// and at its image below the horizon. It integrates to exactly 1 over the hemisphere.
-    fn pdf(&self, wo: DVec3, wi: DVec3) -> f64 {
-        if !above_horizon(wo) || !above_horizon(wi) {
-            return 0.0;
-        }
-        let density = |w: DVec3| HalfVector::new(wo, w, self.alpha).density;
-        let area = Stretched::new(wo, self.alpha).projected_area();
-        (density(wi) + density(wi.with_z(-wi.z))) / (4.0 * area)
+    /// The baseline sampler's density, [`mirror_pdf`]: visible normals of the single scattering, renormalised.
+    fn pdf(&self, wo: Vec3, wi: Vec3) -> Real {
+        mirror_pdf(wo, wi, self.alpha)
+    }
+
+    /// Mirrors `wo` at a visible normal: [`sample_mirror`].
+    fn propose(&self, wo: Vec3, u: [Real; 2]) -> Option<Vec3> {
+        sample_mirror(wo, self.alpha, u)
+    }
+
+    fn is_stochastic(&self) -> bool {
+        true
+    }
+
+    fn slice(&self, wo: Vec3, walks: usize, seed: u64) -> Box<dyn Slice + '_> {
+        Box::new(ConductorSlice::new(self, wo, walks, seed))
     }
 }

@@ -3,32 +3,28 @@
 //! Source: Heitz et al. 2016, *Multiple-Scattering Microfacet BSDFs with the Smith Model*.
 //! Deviation: the first bounce is left to [`Conductor::single`], so only vertices of order 2 and up connect.
 
-use super::microsurface::{HalfVector, Stretched, schlick};
-use super::{Conductor, above_horizon};
-use crate::bsdf::BsdfSample;
+use super::Conductor;
+use crate::bsdf::{BsdfSample, usable};
+use crate::microfacet::{HalfVector, Stretched};
 use crate::random::Rng;
-use glam::DVec3;
+use crate::real::{Real, Vec3};
 
 /// First order of scattering that plays Russian roulette: most light has left by then.
 ///
 /// Survival has the probability of the brightest channel, so white surfaces never play and weights stay ≤ 1.
+/// Nothing else bounds a walk: at every roughness each order hands on less than 0.7 of the light it receives (tested
+/// where most is handed on), so that even white walks end.
 const ROULETTE_ORDER: u32 = 4;
-
-/// Order at which a walk is given up.
-///
-/// Only walks on a white surface, which no roulette ends, could get there: at every roughness each order hands
-/// on less than 0.7 of the light it receives (tested where most is handed on), and 0.7¹²⁷ < 1e-19.
-const ORDER_MAX: u32 = 128;
 
 /// A point of a walk inside the microsurface from which light may leave.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vertex {
     /// Direction of travel arriving at this vertex (unit).
-    pub direction: DVec3,
+    pub direction: Vec3,
     /// C1 of the height: the share of the surface that lies below, in (0, 1].
-    pub height_cdf: f64,
+    pub height_cdf: Real,
     /// RGB throughput before this interaction.
-    pub throughput: DVec3,
+    pub throughput: Vec3,
 }
 
 /// What happens on a walk, in order.
@@ -36,9 +32,9 @@ pub struct Vertex {
 pub(super) enum Event {
     /// Light scattered into `direction` at the height whose ln C1 is `log_c`; `throughput` includes it.
     Scattered {
-        direction: DVec3,
-        log_c: f64,
-        throughput: DVec3,
+        direction: Vec3,
+        log_c: Real,
+        throughput: Vec3,
     },
     /// It met the surface again.
     Inside(Vertex),
@@ -55,8 +51,8 @@ impl Conductor {
     #[inline]
     pub fn walk(
         &self,
-        wo: DVec3,
-        u: [f64; 2],
+        wo: Vec3,
+        u: [Real; 2],
         rng: &mut Rng,
         mut visit: impl FnMut(&Vertex),
     ) -> Option<BsdfSample> {
@@ -71,22 +67,23 @@ impl Conductor {
     #[inline]
     pub(super) fn walk_events(
         &self,
-        wo: DVec3,
-        u: [f64; 2],
+        wo: Vec3,
+        u: [Real; 2],
         rng: &mut Rng,
         mut tell: impl FnMut(Event),
     ) -> Option<BsdfSample> {
-        if !above_horizon(wo) {
+        if !usable(wo) {
             return None;
         }
         let mut ray = Stretched::new(-wo, self.alpha);
         let mut log_c = ray.fly(0.0, rng);
-        let mut throughput = DVec3::ONE;
+        let mut throughput = Vec3::ONE;
         let mut u = u;
-        for order in 1..ORDER_MAX {
+        let mut order = 1u32;
+        loop {
             let back = ray.reversed();
             let (direction, cos) = back.mirror(back.visible_normal(self.alpha, u));
-            throughput *= schlick(self.reflectance, cos);
+            throughput *= self.fresnel.at(cos);
             ray = Stretched::new(direction, self.alpha);
             tell(Event::Scattered {
                 direction,
@@ -102,7 +99,8 @@ impl Conductor {
                     weight: throughput,
                 });
             }
-            if order + 1 >= ROULETTE_ORDER {
+            order = order.saturating_add(1);
+            if order >= ROULETTE_ORDER {
                 let survival = throughput.max_element();
                 if rng.uniform() >= survival {
                     return None;
@@ -111,12 +109,11 @@ impl Conductor {
             }
             tell(Event::Inside(Vertex {
                 direction,
-                height_cdf: log_c.exp().max(f64::MIN_POSITIVE),
+                height_cdf: log_c.exp().max(Real::MIN_POSITIVE),
                 throughput,
             }));
             u = rng.pair();
         }
-        None
     }
 
     /// `f_cos` that `vertex` sends to `wi`, RGB, sr⁻¹: throughput · F·D / (4 σ) · C1^Λ(wi), with σ the projected
@@ -124,9 +121,9 @@ impl Conductor {
     ///
     /// Zero where `wi` is not above the horizon or no normal mirrors there.
     #[inline]
-    pub fn connect(&self, vertex: &Vertex, wi: DVec3) -> DVec3 {
-        if !above_horizon(wi) {
-            return DVec3::ZERO;
+    pub fn connect(&self, vertex: &Vertex, wi: Vec3) -> Vec3 {
+        if !usable(wi) {
+            return Vec3::ZERO;
         }
         let back = -vertex.direction;
         let half = HalfVector::new(back, wi, self.alpha);
@@ -134,6 +131,6 @@ impl Conductor {
         // Masking is at most 1; the bound also resolves 0·∞ on the very horizon.
         let log_masking = (vertex.height_cdf.ln() * Stretched::new(wi, self.alpha).lambda_up()).min(0.0);
         let phase = half.density / (4.0 * area);
-        vertex.throughput * schlick(self.reflectance, half.cos) * (phase * log_masking.exp())
+        vertex.throughput * self.fresnel.at(half.cos) * (phase * log_masking.exp())
     }
 }

@@ -1,5 +1,5 @@
-//! What a Smith microsurface with GGX normals does to one ray: how far it flies, which normals it meets and
-//! how light mirrors there.
+//! A Smith microsurface with GGX normals: masking, which normals a ray meets, how light mirrors there, and how far
+//! it flies between two of them. Shared by the reference models.
 //!
 //! Sources: Heitz et al. 2016, *Multiple-Scattering Microfacet BSDFs with the Smith Model*; Dupuy and Benyoub
 //! 2023, *Sampling Visible GGX Normals with Spherical Caps*.
@@ -8,33 +8,34 @@
 //! not depend on the distribution of heights. Every difference of nearly equal numbers is written as a quotient,
 //! so that directions next to the horizon and next to ±z keep their relative precision.
 
+use crate::bsdf::usable;
 use crate::random::Rng;
-use glam::DVec3;
-use std::f64::consts::{PI, TAU};
+use crate::real::consts::{PI, TAU};
+use crate::real::{Real, Vec3};
 
 /// Smallest free flight, in mean free paths.
 ///
 /// A uniform number of exactly 0 (probability 2⁻⁵³) would let a vertical ray stop at once, where the density of
 /// visible normals is infinite; half of a uniform's spacing keeps every vertex finite.
-const FLIGHT_MIN: f64 = 0.25 * f64::EPSILON;
+const FLIGHT_MIN: Real = 0.25 * Real::EPSILON;
 
 /// A unit direction beside its image on the stretched surface, whose roughness is 1.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stretched {
+pub(crate) struct Stretched {
     /// The direction itself.
-    pub direction: DVec3,
+    pub direction: Vec3,
     /// x and y of the stretched direction: alpha times those of the direction.
-    xy: [f64; 2],
+    xy: [Real; 2],
     /// Squared length of `xy`.
-    xy2: f64,
+    xy2: Real,
     /// Length of the stretched direction.
-    length: f64,
+    length: Real,
 }
 
 impl Stretched {
     /// Stretches the unit vector `direction`.
     #[inline]
-    pub fn new(direction: DVec3, alpha: [f64; 2]) -> Stretched {
+    pub fn new(direction: Vec3, alpha: [Real; 2]) -> Stretched {
         let xy = [alpha[0] * direction.x, alpha[1] * direction.y];
         let xy2 = xy[0] * xy[0] + xy[1] * xy[1];
         Stretched {
@@ -55,16 +56,16 @@ impl Stretched {
         }
     }
 
-    /// Length of the stretched direction, for the height-correlated masking of [`super::Conductor::single`].
+    /// Length of the stretched direction, for the height-correlated masking of [`crate::conductor::Conductor::single`].
     #[inline]
-    pub fn length(&self) -> f64 {
+    pub fn length(&self) -> Real {
         self.length
     }
 
     /// Twice the projected area of the surface seen from this direction per unit of base area:
     /// z + √(z² + |αxy|²), which is 2 z·(1 + Λ). Positive from above and from below.
     #[inline]
-    fn doubled_area(&self) -> f64 {
+    fn doubled_area(&self) -> Real {
         let z = self.direction.z;
         if z >= 0.0 {
             self.length + z
@@ -75,13 +76,13 @@ impl Stretched {
 
     /// Projected area per unit of base area, of the surface seen from this direction; cos θ when smooth.
     #[inline]
-    pub fn projected_area(&self) -> f64 {
+    pub fn projected_area(&self) -> Real {
         0.5 * self.doubled_area()
     }
 
     /// Λ of this direction, which must point up: G1 from the height `log_c` is exp(Λ·`log_c`).
     #[inline]
-    pub fn lambda_up(&self) -> f64 {
+    pub fn lambda_up(&self) -> Real {
         self.xy2 / (2.0 * self.direction.z * self.doubled_area())
     }
 
@@ -90,7 +91,7 @@ impl Stretched {
     ///
     /// The chance to pass from C1 to C1' is (C1/C1')^Λ, where Λ ≤ −1 for a direction that points down.
     #[inline]
-    pub fn fly(&self, log_c: f64, rng: &mut Rng) -> f64 {
+    pub fn fly(&self, log_c: Real, rng: &mut Rng) -> Real {
         let flight = (-(1.0 - rng.uniform()).ln()).max(FLIGHT_MIN);
         let z = self.direction.z;
         let inverse_lambda = if z > 0.0 {
@@ -106,13 +107,13 @@ impl Stretched {
     /// On the stretched surface, a hemisphere, the mirrored directions fill the cap z > −w.z uniformly;
     /// `u[0]` is its azimuth, `u[1]` the distance from its pole (Dupuy and Benyoub 2023).
     #[inline]
-    pub fn visible_normal(&self, alpha: [f64; 2], u: [f64; 2]) -> DVec3 {
+    pub fn visible_normal(&self, alpha: [Real; 2], u: [Real; 2]) -> Vec3 {
         let inverse_length = 1.0 / self.length;
         let cap = self.doubled_area() * inverse_length;
         let from_pole = u[1] * cap;
         let sin_theta = (from_pole * (2.0 - from_pole)).max(0.0).sqrt();
         let (sin_phi, cos_phi) = (TAU * u[0]).sin_cos();
-        DVec3::new(
+        Vec3::new(
             alpha[0] * (sin_theta * cos_phi + self.xy[0] * inverse_length),
             alpha[1] * (sin_theta * sin_phi + self.xy[1] * inverse_length),
             cap - from_pole,
@@ -121,7 +122,7 @@ impl Stretched {
 
     /// This direction mirrored at a normal of any length that it sees, and the cosine between the two.
     #[inline]
-    pub fn mirror(&self, normal: DVec3) -> (DVec3, f64) {
+    pub fn mirror(&self, normal: Vec3) -> (Vec3, Real) {
         let along = self.direction.dot(normal);
         let scale = along / normal.length_squared();
         (2.0 * scale * normal - self.direction, (along * scale).sqrt())
@@ -130,17 +131,17 @@ impl Stretched {
 
 /// The normal that mirrors one unit vector into another, as shading needs it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct HalfVector {
+pub(crate) struct HalfVector {
     /// GGX density D of the normal, per solid angle and base area, sr⁻¹; zero for a normal that points down.
-    pub density: f64,
+    pub density: Real,
     /// Cosine between the normal and either vector.
-    pub cos: f64,
+    pub cos: Real,
 }
 
 impl HalfVector {
     /// The half vector of the unit vectors `a` and `b`.
     #[inline]
-    pub fn new(a: DVec3, b: DVec3, alpha: [f64; 2]) -> HalfVector {
+    pub fn new(a: Vec3, b: Vec3, alpha: [Real; 2]) -> HalfVector {
         let sum = a + b;
         let length2 = sum.length_squared();
         if sum.z <= 0.0 {
@@ -158,14 +159,29 @@ impl HalfVector {
     }
 }
 
-/// Schlick's reflectance at the angle whose cosine is `cos`, for the reflectance `f0` at normal incidence.
+/// Draws `wi` by mirroring `wo` at a visible normal; a direction below the horizon is mirrored up.
 ///
-/// Source: Schlick 1994, *An Inexpensive BRDF Model for Physically-based Rendering*.
+/// `u` in `[0,1)²`. The density of `wi` is exactly [`mirror_pdf`]. `None` when `wo` is no direction above the horizon.
 #[inline]
-pub(super) fn schlick(f0: DVec3, cos: f64) -> DVec3 {
-    let m = (1.0 - cos).max(0.0);
-    let m2 = m * m;
-    f0 + (DVec3::ONE - f0) * (m2 * m2 * m)
+pub fn sample_mirror(wo: Vec3, alpha: [Real; 2], u: [Real; 2]) -> Option<Vec3> {
+    if !usable(wo) {
+        return None;
+    }
+    let eye = Stretched::new(wo, alpha);
+    let (wi, _) = eye.mirror(eye.visible_normal(alpha, u));
+    Some(wi.with_z(wi.z.abs().max(Real::MIN_POSITIVE)))
+}
+
+/// Density of [`sample_mirror`], sr⁻¹: that of mirroring at a visible normal, D(h)/(4 σ(wo)), at `wi` and at its
+/// image below the horizon. It integrates to exactly 1 over the hemisphere.
+#[inline]
+pub fn mirror_pdf(wo: Vec3, wi: Vec3, alpha: [Real; 2]) -> Real {
+    if !usable(wo) || !usable(wi) {
+        return 0.0;
+    }
+    let density = |w: Vec3| HalfVector::new(wo, w, alpha).density;
+    let area = Stretched::new(wo, alpha).projected_area();
+    (density(wi) + density(wi.with_z(-wi.z))) / (4.0 * area)
 }
 
 #[cfg(test)]
@@ -173,14 +189,14 @@ mod tests {
     use super::*;
 
     /// Round-off of a handful of operations, none of which cancels.
-    const ROUND_OFF: f64 = 1e-12;
+    const ROUND_OFF: Real = 1e-12;
 
     /// Walks seldom travel next to ±z or to the horizon, so that tests of their means do not see these cases.
     #[test]
     fn extreme_directions_keep_their_precision() {
         for alpha in [[1e-4, 1e-4], [1.0, 0.01], [1.0, 1.0]] {
             for small in [1e-15, 1e-12, 1e-8, 1e-4] {
-                for w in [DVec3::new(small, 0.0, 1.0), DVec3::new(0.6, 0.8, small)].map(DVec3::normalize) {
+                for w in [Vec3::new(small, 0.0, 1.0), Vec3::new(0.6, 0.8, small)].map(Vec3::normalize) {
                     let (up, down) = (Stretched::new(w, alpha), Stretched::new(-w, alpha));
                     // σ(w)·σ(−w) = |αxy|²/4 and Λ(w) = σ(−w)/z, neither of which subtracts.
                     let product = 4.0 * up.projected_area() * down.projected_area();
