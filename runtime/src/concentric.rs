@@ -4,16 +4,17 @@
 //! Deviation: the height z is computed from the distance to the nearest edge of the square, not from x and y,
 //! so that directions next to the horizon keep their relative precision.
 
-use std::f64::consts::{FRAC_PI_4, PI};
+use crate::real::Real;
+use crate::real::consts::{FRAC_PI_4, PI};
 
 /// Density of the disk position per unit area of the square: the map has constant Jacobian π.
-pub const DISK_AREA: f64 = PI;
+pub const DISK_AREA: Real = PI;
 
 /// Direction over the disk position of `s`: `[x, y, z]`, unit, z ≥ 0.
 ///
 /// `s` in `[0,1]²`, and `complement` = 1 − `s`, given apart because the caller knows it more precisely
 /// than a subtraction would. The square's edges go to the horizon.
-pub fn square_to_hemisphere(s: [f64; 2], complement: [f64; 2]) -> [f64; 3] {
+pub fn square_to_hemisphere(s: [Real; 2], complement: [Real; 2]) -> [Real; 3] {
     let a = s[0] - complement[0];
     let b = s[1] - complement[1];
     let first = a.abs() > b.abs();
@@ -33,7 +34,7 @@ pub fn square_to_hemisphere(s: [f64; 2], complement: [f64; 2]) -> [f64; 3] {
 }
 
 /// Position in the square of the disk point `(x, y)`: the inverse of [`square_to_hemisphere`].
-pub fn disk_to_square(x: f64, y: f64) -> [f64; 2] {
+pub fn disk_to_square(x: Real, y: Real) -> [Real; 2] {
     let r = x.hypot(y);
     let (a, b) = if x.abs() > y.abs() {
         let a = r.copysign(x);
@@ -60,15 +61,15 @@ mod tests {
     use super::*;
     use crate::random::Rng;
 
-    /// f64 round-off of a handful of operations on numbers below 1.
-    const ROUND_TRIP_TOL: f64 = 1e-13;
+    /// Real round-off of a handful of operations on numbers below 1.
+    const ROUND_TRIP_TOL: Real = 1e-13;
     /// Central differences with step 1e-6 on a function with third derivatives of order 1.
-    const JACOBIAN_TOL: f64 = 1e-7;
+    const JACOBIAN_TOL: Real = 1e-7;
 
     #[test]
     fn round_trip_and_constant_jacobian() {
         let mut rng = Rng::new(&[7]);
-        let at = |s: [f64; 2]| square_to_hemisphere(s, [1.0 - s[0], 1.0 - s[1]]);
+        let at = |s: [Real; 2]| square_to_hemisphere(s, [1.0 - s[0], 1.0 - s[1]]);
         for _ in 0..10_000 {
             let s = rng.pair();
             let d = at(s);

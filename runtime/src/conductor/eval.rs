@@ -76,60 +76,108 @@ impl Conductor {
                 return;
             };
             let exit = HalfVector::new(to.direction, -direction, self.alpha);
-            let is_first = own.is_none();
+            let lambda_from = own.is_none().then_some(from.lambda);
             let own = *own
                 .get_or_insert_with(|| from.density(&HalfVector::new(from.direction, direction, self.alpha)));
             let share = own / (own + to.density(&exit));
             // Without a normal that mirrors into `to` there is nothing to connect, and perhaps 0/0.
             if exit.density > 0.0 && share.is_finite() {
-                let heights = match is_first {
-                    true => self.both_heights(from, direction, to),
-                    false => self.next_height(log_c, direction, to),
-                };
-                let phase = self.fresnel.at(exit.cos) * (0.25 * exit.density);
-                sum += throughput * phase * (heights * share);
+                let scattering = Scattering::new(self, direction, log_c, throughput, lambda_from);
+                sum += self.connect_half(&scattering, &exit, to.lambda) * share;
             }
         });
         sum
     }
 
-    /// The heights of two scatterings from `from` by way of `first` to `to`, over σ(−first).
+    /// `f_cos` that `scattering` sends on by one more, at the half vector `exit`, to a direction whose Λ is `lambda`.
+    #[inline]
+    pub(super) fn connect_half(&self, scattering: &Scattering, exit: &HalfVector, lambda: Real) -> Vec3 {
+        let scale = 0.25 * exit.density * scattering.heights(lambda);
+        scattering.throughput * self.fresnel.at(exit.cos) * scale
+    }
+}
+
+/// A scattering of a walk, ready to be connected to any direction: what does not depend on that is computed once.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scattering {
+    /// Where the light came from: its direction of travel after the scattering, reversed.
+    pub back: Vec3,
+    /// ln C1 of the height of the scattering.
+    log_c: Real,
+    /// RGB throughput, the scattering included.
+    pub throughput: Vec3,
+    /// Whether the light travels upward.
+    rises: bool,
+    /// |z| of the direction, and the projected area |z|·(1 + Λ) seen from it with its z upward.
+    z: Real,
+    area: Real,
+    /// For the first scattering from a direction with Λ = `lambda`, that Λ.
+    lambda_from: Option<Real>,
+}
+
+impl Scattering {
+    /// Light scattered into `direction` at the height whose ln C1 is `log_c`; `lambda_from` is the Λ of where the
+    /// walk began if this is its first scattering.
+    #[inline]
+    pub fn new(
+        conductor: &Conductor,
+        direction: Vec3,
+        log_c: Real,
+        throughput: Vec3,
+        lambda_from: Option<Real>,
+    ) -> Scattering {
+        let z = direction.z.abs();
+        Scattering {
+            back: -direction,
+            log_c,
+            throughput,
+            rises: direction.z > 0.0,
+            z,
+            area: Stretched::new(direction.with_z(z), conductor.alpha).projected_area(),
+            lambda_from,
+        }
+    }
+
+    /// The next scattering's place in height, and the way out from there along a direction with Λ = `lambda`, over
+    /// the projected area σ(−direction): integrated over every height that was not drawn.
+    #[inline]
+    pub fn heights(&self, lambda: Real) -> Real {
+        match self.lambda_from {
+            Some(from) => self.both_heights(from, lambda),
+            None => self.next_height(lambda),
+        }
+    }
+
+    /// The heights of two scatterings, from a direction with Λ_o = `from` to one with Λ_i = `to`.
     ///
     /// With c the C1 of a height, light from above scatters first with density (1 + Λ_o)·c₁^Λ_o. Rising, it
     /// scatters again with density Λ·c₁^Λ·c₂^(−Λ−1) above c₁; falling, with (1 + Λ)·c₂^Λ·c₁^(−1−Λ) below; and
     /// leaves with probability c₂^Λ_i (Heitz et al. 2016, Eqs. 12–17, in terms of C1). The integral over both,
     /// where the projected area σ(−first), Λ·z or (1 + Λ)·|z|, cancels:
     /// (1 + Λ_o) / (|z|·(1 + Λ_x + Λ)·(1 + Λ_o + Λ_i)), with x = o where `first` rises and i where it falls.
-    fn both_heights(&self, from: &End, first: Vec3, to: &End) -> Real {
-        let side = if first.z > 0.0 { from.lambda } else { to.lambda };
+    #[inline]
+    fn both_heights(&self, from: Real, to: Real) -> Real {
+        let side = if self.rises { from } else { to };
         // |z|·(1 + Λ_x + Λ), finite for a horizontal direction: |z|·(1 + Λ) is the projected area.
-        let across = first.z.abs() * side + self.area_above(first);
-        (1.0 + from.lambda) / (across * (1.0 + from.lambda + to.lambda))
+        (1.0 + from) / ((self.z * side + self.area) * (1.0 + from + to))
     }
 
-    /// The height of the next scattering of light along `direction` from ln C1 = `log_c`, and its way out to `to`,
-    /// over σ(−`direction`): the integral of [`Conductor::both_heights`] over c₂ alone.
+    /// The height of the next scattering alone, on the way to a direction with Λ_i = `to`.
     ///
     /// Falling: c^Λ_i / (|z|·(1 + Λ + Λ_i)). Rising: (c^Λ − c^Λ_i) / (z·(Λ_i − Λ)).
-    fn next_height(&self, log_c: Real, direction: Vec3, to: &End) -> Real {
-        let z = direction.z.abs();
-        let area = self.area_above(direction);
-        if direction.z <= 0.0 {
-            return (to.lambda * log_c).exp() / (z * to.lambda + area);
+    #[inline]
+    fn next_height(&self, to: Real) -> Real {
+        if !self.rises {
+            return (to * self.log_c).exp() / (self.z * to + self.area);
         }
-        let lambda = (area - z) / z;
+        let lambda = (self.area - self.z) / self.z;
         // c^min·(1 − c^|Λ_i − Λ|) / (z·|Λ_i − Λ|), whose limit for equal Λ is −c^Λ·ln c / z.
-        let gap = (z * to.lambda - (area - z)).abs();
-        let exponent = gap / z * log_c;
-        let slower = (lambda.min(to.lambda) * log_c).exp();
+        let gap = (self.z * to - (self.area - self.z)).abs();
+        let exponent = gap / self.z * self.log_c;
+        let slower = (lambda.min(to) * self.log_c).exp();
         match exponent.abs() < EQUAL_LAMBDAS {
-            true => -slower * log_c / z,
+            true => -slower * self.log_c / self.z,
             false => -slower * exponent.exp_m1() / gap,
         }
-    }
-
-    /// Projected area seen from `direction` with its z upward: |z|·(1 + Λ).
-    fn area_above(&self, direction: Vec3) -> Real {
-        Stretched::new(direction.with_z(direction.z.abs()), self.alpha).projected_area()
     }
 }

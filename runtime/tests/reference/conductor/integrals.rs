@@ -1,7 +1,7 @@
 //! What the model must integrate to: white furnace, normalised pdf, reciprocity, and walks that average to the
 //! integral of `eval`.
 
-use super::{Means, ROUND_OFF, assert_agree, direction};
+use crate::support::{Means, ROUND_OFF, assert_agree, direction};
 use bake_runtime::conductor::Conductor;
 use bake_runtime::{Bsdf, Rng};
 use glam::DVec3;

@@ -1,26 +1,26 @@
-//! The reference conductor against tables of an independent implementation, against its own integrals, and at
-//! the inputs where microfacet code usually breaks.
+//! What the tests of the reference models share: directions, means with standard errors, tables of independent
+//! values, quadrature and χ².
 
-mod edges;
-mod integrals;
-mod tables;
+pub mod chi2;
+pub mod quadrature;
+pub mod table;
 
 use glam::DVec3;
 
 /// Agreement asked of a Monte Carlo comparison, in combined standard errors.
-const SIGMAS: f64 = 3.0;
+pub const SIGMAS: f64 = 3.0;
 /// Round-off of a handful of f64 operations whose terms do not cancel.
-const ROUND_OFF: f64 = 1e-11;
+pub const ROUND_OFF: f64 = 1e-11;
 
 /// Unit vector of polar angle `theta` and azimuth `phi`, degrees.
-fn direction(theta: f64, phi: f64) -> DVec3 {
+pub fn direction(theta: f64, phi: f64) -> DVec3 {
     let ((sin, cos), (y, x)) = (theta.to_radians().sin_cos(), phi.to_radians().sin_cos());
     DVec3::new(sin * x, sin * y, cos)
 }
 
 /// Sums for means of several numbers and their standard errors.
 #[derive(Clone, Debug)]
-struct Means<const N: usize> {
+pub struct Means<const N: usize> {
     n: f64,
     sum: [f64; N],
     square: [f64; N],
@@ -28,7 +28,7 @@ struct Means<const N: usize> {
 
 impl<const N: usize> Means<N> {
     /// Means of `n` draws.
-    fn of(n: usize, mut draw: impl FnMut() -> [f64; N]) -> Self {
+    pub fn of(n: usize, mut draw: impl FnMut() -> [f64; N]) -> Self {
         let mut means = Means {
             n: n as f64,
             sum: [0.0; N],
@@ -43,21 +43,21 @@ impl<const N: usize> Means<N> {
         means
     }
 
-    fn mean(&self, i: usize) -> f64 {
+    pub fn mean(&self, i: usize) -> f64 {
         self.sum[i] / self.n
     }
 
-    fn variance(&self, i: usize) -> f64 {
+    pub fn variance(&self, i: usize) -> f64 {
         (self.square[i] / self.n - self.mean(i).powi(2)).max(0.0)
     }
 
-    fn se(&self, i: usize) -> f64 {
+    pub fn se(&self, i: usize) -> f64 {
         (self.variance(i) / self.n).sqrt()
     }
 }
 
 /// Asserts that `found ± se` and `expected ± expected_se` agree within [`SIGMAS`] plus `slack`.
-fn assert_agree(found: (f64, f64), expected: (f64, f64), slack: f64, what: &str) {
+pub fn assert_agree(found: (f64, f64), expected: (f64, f64), slack: f64, what: &str) {
     let tolerance = SIGMAS * found.1.hypot(expected.1) + slack;
     assert!(
         (found.0 - expected.0).abs() <= tolerance,

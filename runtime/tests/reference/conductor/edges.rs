@@ -1,6 +1,6 @@
 //! Hard and forbidden inputs, determinism, and the bound on the length of a walk.
 
-use super::{ROUND_OFF, direction};
+use crate::support::{ROUND_OFF, direction};
 use bake_runtime::conductor::Conductor;
 use bake_runtime::{Bsdf, Error, Rng};
 use glam::DVec3;

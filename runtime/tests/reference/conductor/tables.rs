@@ -1,35 +1,16 @@
 //! Evaluations and walks against tables of an independent implementation. The tables' `note` says how they were
 //! made.
 
-use super::{Means, assert_agree, direction};
+use crate::support::table::{TABLE_SLACK, number, table};
+use crate::support::{Means, assert_agree, direction};
 use bake_runtime::conductor::Conductor;
 use bake_runtime::{Bsdf, Rng};
 use serde_json::Value;
-use std::path::Path;
 
 /// Reflectances of the tables' three columns.
 const TABLE_REFLECTANCE: [f64; 3] = [1.0, 0.782, 0.344];
-/// Relative slack beside the standard errors against the tables: a row of theirs holds as few as 100 000
-/// walks, so rare bright ones may be missing from its mean and from its standard error alike.
-const TABLE_SLACK: f64 = 5e-3;
 /// The tables print seven digits; the analytic columns have no other error.
 const ANALYTIC_TOL: f64 = 1e-4;
-
-/// Rows of a reference table; the file's `note` says how it was made.
-fn table(name: &str) -> Vec<Value> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../tests/reference")
-        .join(name);
-    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let table: Value = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    table["rows"].as_array().expect("an array `rows`").clone()
-}
-
-fn number(row: &Value, key: &str) -> f64 {
-    row[key]
-        .as_f64()
-        .unwrap_or_else(|| panic!("no number `{key}` in {row}"))
-}
 
 fn table_conductor(row: &Value) -> Conductor {
     Conductor::new(
