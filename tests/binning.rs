@@ -1,5 +1,6 @@
 //! Samples of the shipped baked maps, binned, match the reference; a damaged map does not.
 
+use bake_runtime::bsdf::shifted_r2;
 use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::{Backend, BakedMaterial};
 use bake_train::card::bins::{SIDE, l1};
@@ -7,7 +8,6 @@ use bake_train::card::heldout;
 use bake_train::card::measure::BINNING_POINTS;
 use bake_train::card::truth::Truth;
 use bake_train::card::{Card, StratumErrors};
-use bake_train::slice::r2;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 
@@ -37,7 +37,7 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
         .sample
         .spec
         .material
-        .reference()
+        .conductor()
         .expect("fixed parameters");
     let truth = Truth::new(&bsdf, wo);
     let mut backend = NativeBackend::new(material, Tier::best()).expect("the best tier exists");
@@ -45,7 +45,7 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
     let wo = wo.to_array().map(|c| vec![c as f32; n]);
     let mut counts = vec![0u64; SIDE * SIDE];
     for first in (0..BINNING_POINTS).step_by(n) {
-        let points: Vec<[f64; 2]> = (0..n as u64).map(|i| r2(first + i)).collect();
+        let points: Vec<[f64; 2]> = (0..n as u64).map(|i| shifted_r2(first + i, [0.0; 2])).collect();
         let below_one = |v: f64| (v as f32).min(1.0 - f32::EPSILON / 2.0);
         let u = [0, 1].map(|c: usize| points.iter().map(|p| below_one(p[c])).collect::<Vec<f32>>());
         let [mut x, mut y, mut z, mut r, mut g, mut b] = std::array::from_fn(|_| vec![0.0f32; n]);

@@ -1,7 +1,6 @@
 //! The same networks from the same seed, byte for byte: at one thread and at two, interrupted or not.
 
-use bake_runtime::Material;
-use bake_runtime::material::{Family, Scalar};
+use bake_runtime::{Family, Material};
 use bake_train::Error;
 use bake_train::bake::{Effort, Stage, bake};
 use bake_train::database::SHARD_SLICES;
@@ -103,12 +102,12 @@ fn go_on(_: Stage, _: u64, _: u64) -> ControlFlow<()> {
 }
 
 fn vase(reflectance: [f64; 3]) -> Material {
-    Material {
-        name: "vase".into(),
-        family: Family::Conductor,
-        alpha: [0.3, 0.1].map(Scalar::Fixed),
-        reflectance: reflectance.map(Scalar::Fixed),
-    }
+    Material::fixed(
+        "vase",
+        Family::Conductor,
+        &[("alpha", &[0.3, 0.1]), ("reflectance", &reflectance)],
+    )
+    .expect("valid parameters")
 }
 
 fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {

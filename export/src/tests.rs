@@ -3,10 +3,9 @@
 use crate::graph::BATCH_AXIS;
 use crate::proto::{DataType, Extent, ModelProto, ValueInfoProto};
 use crate::{export, to_onnx};
-use bake_runtime::material::{Family, Scalar};
 use bake_runtime::network::parse_spec;
 use bake_runtime::spec::{Port, SPEC_KEY};
-use bake_runtime::{BakedMaterial, Dense, Material, Network, NetworkSpec, Role};
+use bake_runtime::{BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Role};
 use prost::Message;
 use std::collections::HashSet;
 
@@ -167,12 +166,8 @@ fn assert_ports(infos: &[ValueInfoProto], ports: &[Port]) {
 }
 
 fn network(role: Role) -> Network {
-    let material = Material {
-        name: "vase".into(),
-        family: Family::Conductor,
-        alpha: [0.3, 0.1].map(Scalar::Fixed),
-        reflectance: [1.0, 0.782, 0.344].map(Scalar::Fixed),
-    };
+    let given: &[(&str, &[f64])] = &[("alpha", &[0.3, 0.1]), ("reflectance", &[1.0, 0.782, 0.344])];
+    let material = Material::fixed("vase", Family::Conductor, given).expect("valid parameters");
     let spec = NetworkSpec::warp(role, material, [0.3, 0.1], vec![6, 5], vec![4]);
     let layer = |(inputs, outputs): (usize, usize)| Dense {
         weight: (0..inputs * outputs).map(|i| (i as f32).sin()).collect(),

@@ -60,7 +60,8 @@ pub(crate) fn complex(cos: Real, eta: Real, k: Real) -> Real {
     let cos = cos.clamp(0.0, 1.0);
     let cos2 = cos * cos;
     let sin2 = 1.0 - cos2;
-    let real = (eta - k) * (eta + k) - sin2;
+    // η² − k² − sin², without the cancellation of sin² next to the horizon.
+    let real = (eta - 1.0) * (eta + 1.0) - k * k + cos2;
     let modulus = real.hypot(2.0 * eta * k);
     let a2 = 0.5 * (modulus + real);
     // Where the real part is negative, the sum cancels; the product of both roots does not.

@@ -19,7 +19,7 @@ pub struct Image {
     /// Sample variance of one sample, 0 when `spp` is 1. Divided by `spp` it is the variance of `rgb` for
     /// independent samples; low-discrepancy samples do better, so it bounds their noise in practice.
     pub variance: Vec<[f32; 3]>,
-    /// Mean reflectance at the first hit (F0 of conductors), 0 where nothing was hit.
+    /// Mean colour of the first hit ([`bake_runtime::Reference::base_color`]), 0 where nothing was hit.
     pub albedo: Vec<[f32; 3]>,
     /// Mean shading normal at the first hit, world space.
     pub normal: Vec<[f32; 3]>,

@@ -1,7 +1,6 @@
 //! Scene and material files: the shipped ones load, and every mistake is one sentence naming file and key.
 
-use bake_runtime::Material;
-use bake_runtime::material::{Family, Scalar};
+use bake_runtime::{Family, Material, Scalar, Setting};
 use bake_scenes::{Scene, load_material, load_scene};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -55,12 +54,12 @@ fn vase_loads() {
         (by_folder.width, by_folder.height, by_folder.max_depth),
         (256, 320, 6)
     );
-    let expected = Material {
-        name: "vase".into(),
-        family: Family::Conductor,
-        alpha: [0.3, 0.1].map(Scalar::Fixed),
-        reflectance: [1.0, 0.782, 0.344].map(Scalar::Fixed),
-    };
+    let expected = Material::fixed(
+        "vase",
+        Family::Conductor,
+        &[("alpha", &[0.3, 0.1]), ("reflectance", &[1.0, 0.782, 0.344])],
+    )
+    .unwrap();
     assert_eq!(by_folder.materials().collect::<Vec<_>>(), [&expected]);
 }
 
@@ -72,8 +71,11 @@ fn free_ranges_and_whole_numbers_load() {
     );
     let material = load_material(&copy.material()).unwrap();
     assert_eq!(
-        material.alpha,
-        [Scalar::Free { min: 0.01, max: 1.0 }, Scalar::Fixed(1.0)]
+        material.get("alpha"),
+        Some(&Setting::Numbers(vec![
+            Scalar::Free { min: 0.01, max: 1.0 },
+            Scalar::Fixed(1.0)
+        ]))
     );
 }
 

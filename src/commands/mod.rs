@@ -7,7 +7,7 @@ pub mod render;
 pub mod scene;
 
 use anyhow::{Context, Result, bail};
-use bake_runtime::BakedMaterial;
+use bake_runtime::{BakedMaterial, Material};
 use bake_scenes::{Scene, load_scene};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -37,9 +37,9 @@ pub struct RenderEntry {
     pub nulls: std::collections::BTreeMap<String, String>,
 }
 
-/// Reads the scene at `path`, a folder with scene.toml or that file, and makes sure that every material has a
-/// reference model.
-pub fn load(path: &Path) -> Result<Scene> {
+/// Reads the scene at `path`, a folder with scene.toml or that file, and makes sure that every material has the
+/// reference model that the command `needs`.
+pub fn load<T>(path: &Path, needs: fn(&Material) -> bake_runtime::Result<T>) -> Result<Scene> {
     let file = scene_file(path);
     if !file.is_file() {
         bail!(
@@ -50,7 +50,7 @@ pub fn load(path: &Path) -> Result<Scene> {
     let scene = load_scene(path)?;
     for material in scene.materials() {
         let file = materials_folder(path).join(&material.name).with_extension("toml");
-        material.reference().with_context(|| file.display().to_string())?;
+        needs(material).with_context(|| file.display().to_string())?;
     }
     Ok(scene)
 }

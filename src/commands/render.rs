@@ -7,6 +7,7 @@ use crate::backends::Backends;
 use crate::output;
 use crate::progress::Stages;
 use anyhow::{Result, bail};
+use bake_runtime::Material;
 use bake_scenes::metrics::{error_split, relmse};
 use bake_scenes::{Estimator, Image, Method, RenderSettings, Scene, exr_file, picture};
 use std::collections::BTreeMap;
@@ -43,7 +44,7 @@ pub fn label(method: Method) -> String {
 
 /// Runs the command.
 pub fn run(options: &RenderOptions) -> Result<()> {
-    let scene = load(&options.scene)?;
+    let scene = load(&options.scene, Material::reference)?;
     let home = PathBuf::from("out").join(&scene.name);
     let method = method_of(options.method, options.estimator);
     let exr = options

@@ -62,7 +62,7 @@ struct Report {
 /// Runs the command.
 pub fn run(options: &SceneOptions) -> Result<()> {
     let started = Instant::now();
-    let scene = load(&options.scene)?;
+    let scene = load(&options.scene, Material::conductor)?;
     let out = options
         .out
         .clone()

@@ -1,17 +1,15 @@
 //! Untrained networks: tests of what runs a material need no trained one.
 
-use bake_runtime::material::{Family, Scalar};
-use bake_runtime::{BakedMaterial, Dense, Material, Network, NetworkSpec, Rng, Role};
+use bake_runtime::{BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Rng, Role};
 
 /// Untrained networks with hidden layers of these widths, of the size that trained ones have.
 pub fn random_material(hidden: &[usize], frame_hidden: &[usize], seed: u64) -> BakedMaterial {
-    let fixed = Scalar::Fixed;
-    let material = Material {
-        name: "random".into(),
-        family: Family::Conductor,
-        alpha: [0.3, 0.1].map(fixed),
-        reflectance: [1.0, 0.782, 0.344].map(fixed),
-    };
+    let material = Material::fixed(
+        "random",
+        Family::Conductor,
+        &[("alpha", &[0.3, 0.1]), ("reflectance", &[1.0, 0.782, 0.344])],
+    )
+    .expect("valid parameters");
     let mut rng = Rng::new(&[0x6e65_7473, seed]);
     let mut network = |role: Role| {
         let spec = NetworkSpec::warp(

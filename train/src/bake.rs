@@ -106,7 +106,7 @@ pub fn bake(
     work: &Path,
     progress: &(dyn Fn(Stage, u64, u64) -> std::ops::ControlFlow<()> + Sync),
 ) -> Result<Bake> {
-    let bsdf = material.reference()?;
+    let bsdf = material.conductor()?;
     let spec = |role: Role, hidden: &[usize]| {
         NetworkSpec::warp(
             role,

@@ -32,9 +32,9 @@ pub fn fingerprint(bsdf: &Conductor, frames: &FrameNetwork, directions: &[[f64; 
             h.rotate_left(5).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ u64::from(w.to_bits())
         });
     format!(
-        "v2 alpha {:?} reflectance {:?} directions {} cells {CELLS} walks {WALKS} frames {weights:016x}",
+        "v3 alpha {:?} {:?} directions {} cells {CELLS} walks {WALKS} frames {weights:016x}",
         bsdf.alpha,
-        bsdf.reflectance.to_array(),
+        bsdf.fresnel,
         directions.len()
     )
 }

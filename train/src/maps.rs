@@ -9,10 +9,11 @@ use crate::Tick;
 use crate::database;
 use crate::error::{Error, Result};
 use crate::nn::frame::FrameNetwork;
-use crate::slice::{SliceTable, r2, single_luminance};
+use crate::slice::{SliceTable, single_luminance};
 use crate::spline::{EdgeSpline, cell_centre};
 use crate::transport::marginal::MarginalMap;
 use crate::transport::{frame_fit, monge_ampere};
+use bake_runtime::bsdf::shifted_r2;
 use bake_runtime::conductor::Conductor;
 use bake_runtime::encoding::grazing;
 use bake_runtime::frame::{FRAME_OUTPUTS, Frame, mirror_anchor};
@@ -56,7 +57,7 @@ pub struct MappedSlice {
 pub fn draw_directions(count: usize) -> Vec<[f64; 3]> {
     (0..count as u64)
         .map(|k| {
-            let [a, b] = r2(k);
+            let [a, b] = shifted_r2(k, [0.0; 2]);
             let theta = (THETA_MAX_DEG * a.powf(THETA_EXPONENT)).to_radians();
             let phi = 0.5 * std::f64::consts::PI * b;
             [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()]

@@ -1,15 +1,13 @@
 //! Slices: the reference BSDF over all `wi` for one `wo`, as densities on the square of a lobe frame.
 //!
 //! The analytic single scattering is evaluated where it is asked for. Multiple scattering is stochastic; its
-//! noise is removed without a filter on the image: the vertices of many walks are kept, and every direction
-//! is connected to *all* of them. That is the model's own next-event estimator, hence unbiased, and its error
-//! is common to all directions, so the slice is as smooth as the phase function that spreads it. The only
-//! smoothing is the interpolation of its logarithm on [`SCATTER_CELLS`]² cells.
+//! noise is removed without a filter on the image, by walks that all directions share
+//! ([`bake_runtime::conductor::ConductorSlice`]). The only smoothing is the interpolation of its logarithm on
+//! [`SCATTER_CELLS`]² cells.
 
 use crate::error::{Error, Result};
 use crate::spline::{EdgeSpline, edge_cell_centre, edge_cell_weight};
-use bake_runtime::Rng;
-use bake_runtime::conductor::{Conductor, Vertex};
+use bake_runtime::conductor::{Conductor, ConductorSlice};
 use bake_runtime::frame::Frame;
 use glam::DVec3;
 
@@ -28,8 +26,8 @@ const DENSITY_FLOOR: f64 = 1e-7;
 /// A slice whose luminance albedo is below this is black.
 const ALBEDO_MIN: f64 = 1e-12;
 
-/// Key of the walks: every slice uses the same numbers, so that their noise varies smoothly with `wo`.
-const WALK_KEY: u64 = 0x51_1ce;
+/// Seed of the walks: every slice uses the same numbers, so that their noise varies smoothly with `wo`.
+const WALK_SEED: u64 = 0;
 
 /// Logarithms of f_cos·dω/ds on the square of `frame`, RGB, at the centres of crowded cells.
 #[derive(Clone, Debug)]
@@ -47,42 +45,17 @@ fn direction_at(frame: &Frame, s: [f64; 2]) -> (DVec3, f64) {
     (DVec3::from_array(w), jacobian_cos / w[2])
 }
 
-/// Points of the R2 sequence (Roberts 2018): low discrepancy, no tables.
-pub fn r2(index: u64) -> [f64; 2] {
-    /// The plastic number, the root of x³ = x + 1.
-    const PLASTIC: f64 = 1.324_717_957_244_746;
-    let at = |a: f64| (0.5 + (index + 1) as f64 * a).fract();
-    [at(1.0 / PLASTIC), at(1.0 / (PLASTIC * PLASTIC))]
-}
-
-/// The vertices of order ≥ 2 of `walks` walks from `wo`, keyed by `key`.
-pub fn scatter_vertices(bsdf: &Conductor, wo: DVec3, walks: usize, key: u64) -> Vec<Vertex> {
-    let mut vertices = Vec::new();
-    let shift = Rng::new(&[WALK_KEY, key]).pair();
-    for i in 0..walks as u64 {
-        let u = r2(i);
-        let u = [(u[0] + shift[0]).fract(), (u[1] + shift[1]).fract()];
-        bsdf.walk(wo, u, &mut Rng::new(&[WALK_KEY, key, i]), |v| vertices.push(*v));
-    }
-    vertices
-}
-
-/// Multiple scattering f_cos at `wi` from the vertices of `walks` walks.
-pub fn scattered(bsdf: &Conductor, vertices: &[Vertex], walks: usize, wi: DVec3) -> DVec3 {
-    vertices.iter().map(|v| bsdf.connect(v, wi)).sum::<DVec3>() / walks as f64
-}
-
 impl SliceTable {
     /// Tabulates the slice of `bsdf` at `wo` on `cells`² cells of `frame`'s square.
     ///
     /// # Errors
     /// [`Error::Slice`] when the slice has no energy or is not finite.
     pub fn tabulate(bsdf: &Conductor, wo: DVec3, frame: &Frame, cells: usize) -> Result<SliceTable> {
-        let vertices = scatter_vertices(bsdf, wo, WALKS, 0);
+        let slice = ConductorSlice::new(bsdf, wo, WALKS, WALK_SEED);
         let coarse: Vec<DVec3> = (0..SCATTER_CELLS * SCATTER_CELLS)
             .map(|k| {
                 let (wi, area) = direction_at(frame, edge_cell_centre(k, SCATTER_CELLS));
-                scattered(bsdf, &vertices, WALKS, wi) * area
+                slice.multiple(wi) * area
             })
             .collect();
         let floor = DVec3::splat(f64::MIN_POSITIVE.sqrt());
@@ -148,7 +121,7 @@ pub fn single_luminance(bsdf: &Conductor, wo: DVec3, wi: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bake_runtime::Bsdf;
+    use bake_runtime::{Bsdf, Rng};
 
     /// Evaluations behind one value of the oracle.
     const SAMPLES: u64 = 40_000;
@@ -157,12 +130,14 @@ mod tests {
     /// Error of the table itself: about one in ten of its walks scatters twice, and where that light dominates, next
     /// to the horizon, their common noise is a few percent.
     const TABLE_TOL: f64 = 0.05;
+    /// Key of the oracle's numbers.
+    const ORACLE_KEY: u64 = 0x51_1cf;
 
     /// The oracle: the reference's stochastic evaluation, averaged, with its standard error.
     fn oracle_f_cos(bsdf: &Conductor, wo: DVec3, wi: DVec3, key: u64) -> (DVec3, DVec3) {
         let (mut sum, mut square) = (DVec3::ZERO, DVec3::ZERO);
         for i in 0..SAMPLES {
-            let value = bsdf.eval(wo, wi, &mut Rng::new(&[WALK_KEY, key, i]));
+            let value = bsdf.eval(wo, wi, &mut Rng::new(&[ORACLE_KEY, key, i]));
             sum += value;
             square += value * value;
         }

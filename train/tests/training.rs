@@ -1,9 +1,8 @@
 //! What training computes with candle is what the runtime's oracle computes: positions, determinants, weights.
 
 use bake_runtime::conductor::Conductor;
-use bake_runtime::material::{Family, Scalar};
 use bake_runtime::network::Dense;
-use bake_runtime::{Material, Network, NetworkSpec, Rng, Role, oracle};
+use bake_runtime::{Family, Material, Network, NetworkSpec, Rng, Role, oracle};
 use bake_train::maps;
 use bake_train::nn::frame::FrameNetwork;
 use bake_train::nn::mlp::Mlp;
@@ -21,12 +20,12 @@ const FAR_EDGE_TOL: f64 = 4.0 * f32::EPSILON as f64;
 const SAMPLES: usize = 512;
 
 fn vase() -> Material {
-    Material {
-        name: "vase".into(),
-        family: Family::Conductor,
-        alpha: [0.3, 0.1].map(Scalar::Fixed),
-        reflectance: [1.0, 0.782, 0.344].map(Scalar::Fixed),
-    }
+    Material::fixed(
+        "vase",
+        Family::Conductor,
+        &[("alpha", &[0.3, 0.1]), ("reflectance", &[1.0, 0.782, 0.344])],
+    )
+    .expect("valid parameters")
 }
 
 /// A frame network whose outputs are constant: the frame is the anchor with the roughness as its size.
@@ -50,7 +49,7 @@ fn constant_frames(spec: &NetworkSpec, bsdf: &Conductor) -> FrameNetwork {
 #[test]
 fn candle_and_the_oracle_agree_on_the_warp() {
     let material = vase();
-    let bsdf = material.reference().expect("fixed parameters");
+    let bsdf = material.conductor().expect("fixed parameters");
     let spec = NetworkSpec::warp(Role::Sample, material, bsdf.alpha, vec![32; 4], vec![8]);
     let frames = constant_frames(&spec, &bsdf);
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
@@ -97,7 +96,7 @@ fn candle_and_the_oracle_agree_on_the_warp() {
 #[test]
 fn maps_carry_edges_to_edges() {
     let material = vase();
-    let bsdf = material.reference().expect("fixed parameters");
+    let bsdf = material.conductor().expect("fixed parameters");
     let spec = NetworkSpec::warp(Role::Sample, material, bsdf.alpha, vec![8], vec![8]);
     let frames = constant_frames(&spec, &bsdf);
     let folder = tempfile::tempdir().expect("a temporary folder can be made");

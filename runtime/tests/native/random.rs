@@ -1,8 +1,7 @@
 //! Random materials and queries, and the two ways to run them: in batches, and one by one in f64.
 
-use bake_runtime::material::{Family, Material, Scalar};
 use bake_runtime::native::{NativeBackend, Tier};
-use bake_runtime::{Backend, BakedMaterial, Dense, Network, NetworkSpec, Rng, Role};
+use bake_runtime::{Backend, BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Rng, Role};
 use std::f64::consts::TAU;
 
 /// Roughness of the anchor.
@@ -62,12 +61,12 @@ pub enum Materials {
 /// A material with random networks: hidden layers keep the variance of their inputs (He et al. 2015), frame
 /// outputs and warp shifts stay around 1 and exponents around 0.5.
 pub fn material(seed: u64, widths: &Widths) -> BakedMaterial {
-    let description = Material {
-        name: "random".into(),
-        family: Family::Conductor,
-        alpha: ALPHA.map(Scalar::Fixed),
-        reflectance: [Scalar::Fixed(0.8); 3],
-    };
+    let description = Material::fixed(
+        "random",
+        Family::Conductor,
+        &[("alpha", &ALPHA), ("reflectance", &[0.8; 3])],
+    )
+    .expect("valid parameters");
     let network = |role: Role, hidden: &[usize]| {
         let mut rng = Rng::new(&[seed, role as u64]);
         let spec = NetworkSpec::warp(

@@ -37,7 +37,7 @@ pub enum Method {
     Reference,
     /// The same on plain random numbers.
     ReferenceRandom,
-    /// Visible normals, evaluated with the reference model.
+    /// The reference model's analytic proposal (visible normals of a conductor), evaluated with the model.
     Vndf,
     /// Cosine, evaluated with the reference model.
     Cosine,
@@ -146,12 +146,12 @@ fn new_wavefront<'a>(
             }
             Surface::Material(material) => {
                 let bsdf = material.reference()?;
-                albedos.push(bsdf.reflectance.as_vec3());
+                albedos.push(bsdf.base_color().as_vec3());
                 let proposal = match settings.method {
                     Method::Baked(estimator) => {
                         shaders.push(Box::new(BakedShader::new(
                             backends(&material.name)?,
-                            bsdf,
+                            material.conductor()?,
                             estimator,
                         )));
                         continue;

@@ -3,8 +3,7 @@
 use super::lanes::Lanes;
 use crate::error::Result;
 use bake_runtime::concentric::square_to_hemisphere;
-use bake_runtime::conductor::Conductor;
-use bake_runtime::{Bsdf, Rng};
+use bake_runtime::{Bsdf, Reference, Rng};
 use glam::{DVec3, Vec3};
 use std::f64::consts::{FRAC_1_PI, PI};
 
@@ -62,7 +61,7 @@ pub enum Proposal {
     Walk,
     /// Its own random walk on plain random numbers.
     RandomWalk,
-    /// Visible normals.
+    /// Its own analytic proposal: visible normals, where it has a microsurface.
     Vndf,
     /// cos θ/π.
     Cosine,
@@ -71,7 +70,7 @@ pub enum Proposal {
 /// A reference model with a way of sampling it.
 pub struct ReferenceShader {
     /// The model.
-    pub bsdf: Conductor,
+    pub bsdf: Reference,
     /// How directions are drawn.
     pub proposal: Proposal,
 }
@@ -95,7 +94,7 @@ impl ReferenceShader {
                 };
                 return self.bsdf.sample(wo, u, rng).map(|s| (s.wi, s.weight));
             }
-            Proposal::Vndf => self.bsdf.sample_vndf(wo, u)?,
+            Proposal::Vndf => self.bsdf.propose(wo, u)?,
             Proposal::Cosine => cosine_direction(u),
         };
         let pdf = self.pdf(wo, wi);

@@ -1,8 +1,7 @@
 //! Small scenes with known pictures, and a backend without networks.
 
 use bake_runtime::conductor::Conductor;
-use bake_runtime::material::{Family, Scalar};
-use bake_runtime::{Backend, Bsdf, Material, Result, Rng};
+use bake_runtime::{Backend, Bsdf, Family, Material, Result, Rng};
 use bake_scenes::geometry::{Grain, Mesh};
 use bake_scenes::tracer::shader::cosine_direction;
 use bake_scenes::{Camera, Environment, Geometry, Image, Method, RenderSettings, Scene, Surface};
@@ -12,12 +11,12 @@ use std::ops::ControlFlow;
 
 /// A conductor whose every parameter is fixed.
 pub fn conductor(alpha: [f64; 2], reflectance: [f64; 3]) -> Material {
-    Material {
-        name: "metal".into(),
-        family: Family::Conductor,
-        alpha: alpha.map(Scalar::Fixed),
-        reflectance: reflectance.map(Scalar::Fixed),
-    }
+    Material::fixed(
+        "metal",
+        Family::Conductor,
+        &[("alpha", &alpha), ("reflectance", &reflectance)],
+    )
+    .expect("valid parameters")
 }
 
 /// A unit sphere of `surface` that nearly fills a square picture, alone in `environment`.
@@ -71,7 +70,7 @@ pub fn render(scene: &Scene, settings: &RenderSettings) -> Image {
             .as_ref()
             .filter(|m| m.name == name)
             .expect("a material of the scene");
-        Ok(Box::new(CosineBackend(material.reference()?)))
+        Ok(Box::new(CosineBackend(material.conductor()?)))
     };
     let image =
         bake_scenes::render(scene, settings, &backend, &|_, _| ControlFlow::Continue(())).expect("renders");

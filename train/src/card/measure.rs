@@ -7,9 +7,10 @@ use super::truth::Truth;
 use super::{Bias, Spread, StratumErrors};
 use crate::Tick;
 use crate::error::{Error, Result};
-use crate::slice::{LUMINANCE, r2};
+use crate::slice::LUMINANCE;
 use bake_runtime::Rng;
 use bake_runtime::backend::Backend;
+use bake_runtime::bsdf::shifted_r2;
 use bake_runtime::conductor::Conductor;
 use bake_runtime::estimator::exact_weight;
 use bake_runtime::frame::Frame;
@@ -155,7 +156,7 @@ fn measure(bsdf: &Conductor, wo: DVec3, backend: &mut dyn Backend, key: u64) -> 
     let mut buffers = Buffers::new(wo);
     let (binning_l1, coverage_loss, learned) = learned_estimator(&truth, backend, &mut buffers)?;
     let exact = exact_estimators(bsdf, &truth, backend, &mut buffers, key)?;
-    let (eval_rel_l1, eval_smape, pdf_integral) = densities(bsdf, &truth, backend, &mut buffers)?;
+    let (eval_rel_l1, eval_smape, pdf_integral) = densities(&truth, backend, &mut buffers)?;
     Ok(Measured {
         binning_l1,
         binning_floor: truth.binning_floor(BINNING_POINTS),
@@ -185,7 +186,7 @@ fn learned_estimator(
     let mut block = Moments::default();
     for call in 0..calls {
         for i in 0..BATCH {
-            buffers.set_u(i, r2((call * BATCH + i) as u64));
+            buffers.set_u(i, shifted_r2((call * BATCH + i) as u64, [0.0; 2]));
         }
         buffers.sample_learned(backend)?;
         for i in 0..BATCH {
@@ -293,18 +294,13 @@ fn chi2_effect(wo: DVec3, bins: &Bins, counts: &[u64], backend: &mut dyn Backend
 
 /// Relative L1 and SMAPE of the evaluation network, and the integral of the pdf network, over the square of the
 /// reference's frame.
-fn densities(
-    bsdf: &Conductor,
-    truth: &Truth,
-    backend: &mut dyn Backend,
-    buffers: &mut Buffers,
-) -> Result<(f64, f64, f64)> {
+fn densities(truth: &Truth, backend: &mut dyn Backend, buffers: &mut Buffers) -> Result<(f64, f64, f64)> {
     let frame: &Frame = &truth.frame;
     let (mut error, mut energy, mut smape, mut integral) = (0.0, 0.0, 0.0, 0.0);
     for call in 0..EVAL_POINTS / BATCH {
         let mut measures = Vec::with_capacity(BATCH);
         for i in 0..BATCH {
-            let s = r2((call * BATCH + i) as u64);
+            let s = shifted_r2((call * BATCH + i) as u64, [0.0; 2]);
             let (w, jacobian_cos) = frame.square_to_direction(s, [1.0 - s[0], 1.0 - s[1]]);
             buffers.set_wi(i, DVec3::from_array(w));
             measures.push(jacobian_cos / w[2]);
@@ -312,7 +308,7 @@ fn densities(
         buffers.eval(backend)?;
         buffers.pdf(backend)?;
         for (i, measure) in measures.iter().enumerate() {
-            let f = truth.f_cos(bsdf, buffers.wi(i));
+            let f = truth.f_cos(buffers.wi(i));
             let difference = (buffers.rgb(i) - f).abs();
             error += difference.element_sum() * measure;
             energy += f.element_sum() * measure;

@@ -197,7 +197,7 @@ pub fn check(
     every: usize,
     tick: Tick,
 ) -> Result<(BTreeMap<String, StratumErrors>, Parity, Cost)> {
-    let bsdf = material.sample.spec.material.reference()?;
+    let bsdf = material.sample.spec.material.conductor()?;
     let errors = measure::errors(&bsdf, native, every, tick)?;
     Ok((
         errors,

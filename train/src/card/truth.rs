@@ -2,12 +2,13 @@
 //! its analytic part and by walks for the rest, never a solved map or a rastered slice.
 
 use super::bins::{Bins, NARROW_BINS, SIDE, bins_of_90_percent};
-use crate::slice::{LUMINANCE, r2, scatter_vertices, scattered, single_luminance};
+use crate::slice::{LUMINANCE, single_luminance};
 use crate::spline::{edge_cell_centre, edge_cell_weight};
 use crate::transport::frame_fit;
 use crate::transport::marginal::MarginalMap;
 use bake_runtime::Rng;
-use bake_runtime::conductor::{Conductor, Vertex};
+use bake_runtime::bsdf::{Slice, shifted_r2};
+use bake_runtime::conductor::{Conductor, ConductorSlice};
 use bake_runtime::frame::{Frame, mirror_anchor};
 use glam::DVec3;
 
@@ -20,12 +21,12 @@ const ALBEDO_NODES: usize = 256;
 /// Midpoints per side of a bin for the analytic part and for the smoother rest.
 const SINGLE_SUB: usize = 12;
 const SCATTER_SUB: usize = 2;
-/// Keys of the walks, apart from those of the training slices.
-const VERTEX_KEYS: [u64; 2] = [101, 102];
+/// Seeds of the walks, apart from that of the training slices.
+const SLICE_SEEDS: [u64; 2] = [101, 102];
 const ALBEDO_KEY: u64 = 103;
 
 /// What is known about one slice.
-pub struct Truth {
+pub struct Truth<'a> {
     /// Camera direction.
     pub wo: DVec3,
     /// Frame fitted to the reference's single scattering.
@@ -40,17 +41,17 @@ pub struct Truth {
     pub mass: Vec<f64>,
     /// Binning L1 that the noise of `mass` alone accounts for.
     pub mass_noise_l1: f64,
-    vertices: [Vec<Vertex>; 2],
+    slices: [ConductorSlice<'a>; 2],
 }
 
-impl Truth {
+impl<'a> Truth<'a> {
     /// Measures the slice of `bsdf` at `wo`.
-    pub fn new(bsdf: &Conductor, wo: DVec3) -> Truth {
+    pub fn new(bsdf: &'a Conductor, wo: DVec3) -> Truth<'a> {
         let anchor = mirror_anchor(wo.to_array(), bsdf.alpha);
         let start = Frame::from_outputs([bsdf.alpha[0].ln(), bsdf.alpha[1].ln(), 0.0, 0.0, 0.0], anchor);
         let frame = frame_fit::fit(|wi| single_luminance(bsdf, wo, wi), start);
         let (albedo, albedo_se) = albedo(bsdf, wo, &frame);
-        let vertices = VERTEX_KEYS.map(|key| scatter_vertices(bsdf, wo, WALKS / 2, key));
+        let slices = SLICE_SEEDS.map(|seed| ConductorSlice::new(bsdf, wo, WALKS / 2, seed));
         let single = |bins: &Bins| bins.integrate(SINGLE_SUB, |wi| bsdf.single(wo, wi).dot(LUMINANCE));
         let mut bins = Bins::Disk;
         let mut mass = single(&bins);
@@ -58,11 +59,8 @@ impl Truth {
             bins = Bins::Square(frame);
             mass = single(&bins);
         }
-        let halves = [0, 1].map(|h: usize| {
-            bins.integrate(SCATTER_SUB, |wi| {
-                scattered(bsdf, &vertices[h], WALKS / 2, wi).dot(LUMINANCE)
-            })
-        });
+        let halves =
+            [0, 1].map(|h: usize| bins.integrate(SCATTER_SUB, |wi| slices[h].multiple(wi).dot(LUMINANCE)));
         for (m, (a, b)) in mass.iter_mut().zip(halves[0].iter().zip(&halves[1])) {
             *m += 0.5 * (a + b);
         }
@@ -81,14 +79,14 @@ impl Truth {
             bins,
             mass,
             mass_noise_l1,
-            vertices,
+            slices,
         }
     }
 
     /// f_cos at `wi`, RGB, with multiple scattering averaged over all walks.
-    pub fn f_cos(&self, bsdf: &Conductor, wi: DVec3) -> DVec3 {
-        let [a, b] = [0, 1].map(|h: usize| scattered(bsdf, &self.vertices[h], WALKS / 2, wi));
-        bsdf.single(self.wo, wi) + 0.5 * (a + b)
+    pub fn f_cos(&self, wi: DVec3) -> DVec3 {
+        let [a, b] = self.slices.each_ref().map(|slice| slice.eval(wi));
+        0.5 * (a + b)
     }
 
     /// What a perfect map would score in binning L1 with `points` R2 points: the discrepancy of the points,
@@ -97,7 +95,7 @@ impl Truth {
         let mut counts = vec![0u64; SIDE * SIDE];
         let invert = MarginalMap::new(&self.mass, SIDE);
         for i in 0..points {
-            let p = invert.at(r2(i));
+            let p = invert.at(shifted_r2(i, [0.0; 2]));
             let cell = |v: f64| ((v * SIDE as f64) as usize).min(SIDE - 1);
             counts[cell(p[1]) * SIDE + cell(p[0])] += 1;
         }
@@ -111,10 +109,7 @@ impl Truth {
 /// scatters more than once is exactly 1 − (single scattering of the white surface); walks only tell which
 /// share of it the reflectance keeps.
 fn albedo(bsdf: &Conductor, wo: DVec3, frame: &Frame) -> (DVec3, DVec3) {
-    let white = Conductor {
-        reflectance: DVec3::ONE,
-        ..bsdf.clone()
-    };
+    let white = bsdf.white();
     let (mut single, mut single_white) = (DVec3::ZERO, 0.0);
     for k in 0..ALBEDO_NODES * ALBEDO_NODES {
         // Crowded towards the horizon, where a rough surface is bright in a layer too thin for even nodes.
@@ -131,7 +126,7 @@ fn albedo(bsdf: &Conductor, wo: DVec3, frame: &Frame) -> (DVec3, DVec3) {
     for i in 0..ALBEDO_WALKS {
         let mut rng = Rng::new(&[ALBEDO_KEY, i]);
         let mut orders = 1;
-        let u = r2(i);
+        let u = shifted_r2(i, [0.0; 2]);
         let sample = bsdf.walk(wo, u, &mut rng, |_| orders += 1);
         if orders > 1 {
             let weight = sample.map_or(DVec3::ZERO, |s| s.weight);

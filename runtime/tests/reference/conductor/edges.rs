@@ -1,4 +1,4 @@
-//! Hard and forbidden inputs, determinism, and the bound on the length of a walk.
+//! Hard and forbidden inputs, determinism, and why walks end.
 
 use crate::support::{ROUND_OFF, direction};
 use bake_runtime::conductor::Conductor;
@@ -43,10 +43,10 @@ fn hard_inputs_stay_finite_and_non_negative() {
                     [0.3, 0.7],
                 ] {
                     let what = format!("alpha {alpha:?}, reflectance {reflectance:?}, {wo}, u {u:?}");
-                    let wi = conductor.sample_vndf(wo, u).expect("wo is above the horizon");
+                    let wi = conductor.propose(wo, u).expect("wo is above the horizon");
                     assert!(
                         wi.z > 0.0 && (wi.length() - 1.0).abs() < ROUND_OFF,
-                        "sample_vndf {wi}: {what}"
+                        "propose {wi}: {what}"
                     );
                     for key in 0..KEYS {
                         let Some(s) = conductor.sample(wo, u, &mut Rng::new(&[11, key])) else {
@@ -86,7 +86,7 @@ fn directions_below_the_horizon_or_not_finite_give_nothing() {
             assert_eq!(conductor.pdf(wo, wi), 0.0);
         }
         assert_eq!(conductor.sample(bad, [0.5, 0.5], &mut rng), None);
-        assert_eq!(conductor.sample_vndf(bad, [0.5, 0.5]), None);
+        assert_eq!(conductor.propose(bad, [0.5, 0.5]), None);
         let mut vertices = Vec::new();
         while vertices.is_empty() {
             conductor.walk(above, rng.pair(), &mut rng, |vertex| vertices.push(*vertex));
@@ -125,8 +125,8 @@ fn new_names_the_parameter_it_refuses() {
 }
 
 #[test]
-fn each_order_hands_on_less_than_the_walk_bound_assumes() {
-    /// The share in the reason for the bound on the order of a walk.
+fn each_order_hands_on_so_little_that_walks_end() {
+    /// The share in the reason why walks need no bound on their order.
     const HANDED_ON_MAX: f64 = 0.7;
     const WALKS: usize = 400_000;
     let conductor = Conductor::new([1.0; 2], [1.0; 3]).expect("valid parameters");

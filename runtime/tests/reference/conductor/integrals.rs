@@ -28,12 +28,12 @@ fn draw_normal(alpha: [f64; 2], u: [f64; 2]) -> (DVec3, f64) {
 
 /// One estimate of ∫ g(wi)·eval(wo, wi) dω: the sum over the calls `add(f, wi)` of f·g(wi).
 ///
-/// The single scattering has its directions from `sample_vndf`, and every vertex of a walk its own, mirrored at
+/// The single scattering has its directions from `propose`, and every vertex of a walk its own, mirrored at
 /// a drawn normal. One direction for all parts would be correct, too, but where lobes are narrow one vertex in a
 /// million would carry as much as all others, and no affordable mean would have an honest standard error.
 fn integrate_eval(conductor: &Conductor, wo: DVec3, rng: &mut Rng, mut add: impl FnMut(DVec3, DVec3)) {
     let wi = conductor
-        .sample_vndf(wo, rng.pair())
+        .propose(wo, rng.pair())
         .expect("wo is above the horizon");
     add(conductor.single(wo, wi) / conductor.pdf(wo, wi), wi);
     let mut vertices = Vec::new();
@@ -158,7 +158,7 @@ fn roulette_keeps_the_mean() {
 }
 
 #[test]
-fn pdf_integrates_to_one_and_is_the_density_of_sample_vndf() {
+fn pdf_integrates_to_one_and_is_the_density_of_propose() {
     const CELLS: usize = 1000;
     const DRAWS: usize = 200_000;
     for alpha in [[1e-4, 1e-4], [0.01, 0.01], [1.0, 0.01], [0.3, 0.1], [1.0, 1.0]] {
@@ -191,7 +191,7 @@ fn pdf_integrates_to_one_and_is_the_density_of_sample_vndf() {
             );
             let mut rng = Rng::new(&[7]);
             let drawn = Means::of(DRAWS, || {
-                conductor.sample_vndf(wo, rng.pair()).expect("above").to_array()
+                conductor.propose(wo, rng.pair()).expect("above").to_array()
             });
             for i in 0..3 {
                 let found = (drawn.mean(i), drawn.se(i));
@@ -214,7 +214,7 @@ fn single_is_reciprocal_exactly() {
         let mut rng = Rng::new(&[8]);
         for _ in 0..PAIRS {
             let (a, b) = (direction(89.9 * rng.uniform(), 360.0 * rng.uniform()), rng.pair());
-            let b = conductor.sample_vndf(a, b).expect("a is above the horizon");
+            let b = conductor.propose(a, b).expect("a is above the horizon");
             let (there, back) = (conductor.single(a, b) / b.z, conductor.single(b, a) / a.z);
             let error = (there - back).abs().max_element();
             assert!(

@@ -1,0 +1,92 @@
+//! The reference model of any family, behind one name.
+
+use crate::bsdf::{Bsdf, BsdfSample, Estimate, Slice};
+use crate::conductor::Conductor;
+use crate::error::{Error, Result};
+use crate::family::Family;
+use crate::material::Material;
+use crate::random::Rng;
+use crate::real::{Real, Vec3};
+use crate::setting::Setting;
+
+/// A reference model with its parameters bound; cheap to clone.
+#[derive(Clone, Debug)]
+pub enum Reference {
+    /// [`Family::Conductor`].
+    Conductor(Conductor),
+}
+
+impl Reference {
+    /// Binds a `material` that [`Material::validate`] accepts and that leaves nothing free.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for a free parameter, and what the model itself refuses.
+    pub(crate) fn new(material: &Material) -> Result<Reference> {
+        match material.family {
+            Family::Conductor => {
+                let alpha = material.numbers("alpha")?;
+                let conductor = match material.get("ior") {
+                    Some(Setting::Ior { eta, k }) => Conductor::with_ior(alpha, *eta, *k)?,
+                    _ => Conductor::new(alpha, material.numbers("reflectance")?)?,
+                };
+                Ok(Reference::Conductor(conductor))
+            }
+            other => Err(Error::parameter(
+                "family",
+                format!("`{}` has no reference model in this version", other.name()),
+            )),
+        }
+    }
+
+    /// The model of a conductor.
+    pub fn as_conductor(&self) -> Option<&Conductor> {
+        match self {
+            Reference::Conductor(conductor) => Some(conductor),
+        }
+    }
+
+    /// The colour that a picture's auxiliary image shows for it, linear RGB in `[0, 1]`: a conductor's reflectance at
+    /// normal incidence.
+    pub fn base_color(&self) -> Vec3 {
+        match self {
+            Reference::Conductor(conductor) => conductor.fresnel.normal(),
+        }
+    }
+
+    /// The model behind the name.
+    fn model(&self) -> &dyn Bsdf {
+        match self {
+            Reference::Conductor(conductor) => conductor,
+        }
+    }
+}
+
+impl Bsdf for Reference {
+    fn eval(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> Vec3 {
+        self.model().eval(wo, wi, rng)
+    }
+
+    fn sample(&self, wo: Vec3, u: [Real; 2], rng: &mut Rng) -> Option<BsdfSample> {
+        self.model().sample(wo, u, rng)
+    }
+
+    fn pdf(&self, wo: Vec3, wi: Vec3) -> Real {
+        self.model().pdf(wo, wi)
+    }
+
+    fn propose(&self, wo: Vec3, u: [Real; 2]) -> Option<Vec3> {
+        self.model().propose(wo, u)
+    }
+
+    fn is_stochastic(&self) -> bool {
+        self.model().is_stochastic()
+    }
+
+    fn slice(&self, wo: Vec3, walks: usize, seed: u64) -> Box<dyn Slice + '_> {
+        self.model().slice(wo, walks, seed)
+    }
+
+    fn albedo(&self, wo: Vec3, samples: u64, seed: u64) -> Estimate {
+        self.model().albedo(wo, samples, seed)
+    }
+}
