@@ -191,15 +191,20 @@ impl Material {
     /// # Errors
     /// [`Error::Parameter`] for another family, and as [`Material::reference`].
     pub fn conductor(&self) -> Result<Conductor> {
-        if self.family != Family::Conductor {
+        let refused = || {
             let reason = format!(
                 "is \"{}\", but only materials of the family `conductor` can be baked so far",
                 self.family.name()
             );
-            return Err(Error::parameter("family", reason));
+            Error::parameter("family", reason)
+        };
+        // The family first: other families may have ranges of their own to complain about.
+        if self.family != Family::Conductor {
+            return Err(refused());
         }
         match self.reference()? {
             Reference::Conductor(conductor) => Ok(conductor),
+            _ => Err(refused()),
         }
     }
 

@@ -10,7 +10,7 @@
 
 use crate::bsdf::usable;
 use crate::random::Rng;
-use crate::real::consts::{PI, TAU};
+use crate::real::consts::{FRAC_1_PI, TAU};
 use crate::real::{Real, Vec3};
 
 /// Smallest free flight, in mean free paths.
@@ -150,10 +150,12 @@ impl HalfVector {
                 cos: 0.0,
             };
         }
-        let (x, y) = (sum.x / alpha[0], sum.y / alpha[1]);
+        // Reciprocals of what stays the same in a loop leave the loop.
+        let inverse = [1.0 / alpha[0], 1.0 / alpha[1]];
+        let (x, y) = (sum.x * inverse[0], sum.y * inverse[1]);
         let ratio = length2 / (x * x + y * y + sum.z * sum.z);
         HalfVector {
-            density: ratio * ratio / (PI * alpha[0] * alpha[1]),
+            density: ratio * ratio * (inverse[0] * inverse[1] * FRAC_1_PI),
             cos: 0.5 * length2.sqrt(),
         }
     }

@@ -4,6 +4,7 @@ use crate::bsdf::{Bsdf, BsdfSample, Estimate, Slice};
 use crate::conductor::Conductor;
 use crate::error::{Error, Result};
 use crate::family::Family;
+use crate::layered::Layered;
 use crate::material::Material;
 use crate::random::Rng;
 use crate::real::{Real, Vec3};
@@ -14,6 +15,8 @@ use crate::setting::Setting;
 pub enum Reference {
     /// [`Family::Conductor`].
     Conductor(Conductor),
+    /// [`Family::Layered`].
+    Layered(Layered),
 }
 
 impl Reference {
@@ -31,6 +34,19 @@ impl Reference {
                 };
                 Ok(Reference::Conductor(conductor))
             }
+            Family::Layered => {
+                let [alpha, eta, sigma_t, g] =
+                    ["alpha", "eta", "sigma_t", "g"].map(|name| material.numbers::<1>(name));
+                let layered = Layered::new(
+                    alpha?[0],
+                    eta?[0],
+                    sigma_t?[0],
+                    material.numbers("albedo")?,
+                    material.numbers("base")?,
+                    g?[0],
+                )?;
+                Ok(Reference::Layered(layered))
+            }
             other => Err(Error::parameter(
                 "family",
                 format!("`{}` has no reference model in this version", other.name()),
@@ -42,14 +58,16 @@ impl Reference {
     pub fn as_conductor(&self) -> Option<&Conductor> {
         match self {
             Reference::Conductor(conductor) => Some(conductor),
+            _ => None,
         }
     }
 
     /// The colour that a picture's auxiliary image shows for it, linear RGB in `[0, 1]`: a conductor's reflectance at
-    /// normal incidence.
+    /// normal incidence, a layered material's base.
     pub fn base_color(&self) -> Vec3 {
         match self {
             Reference::Conductor(conductor) => conductor.fresnel.normal(),
+            Reference::Layered(layered) => layered.base(),
         }
     }
 
@@ -57,6 +75,7 @@ impl Reference {
     fn model(&self) -> &dyn Bsdf {
         match self {
             Reference::Conductor(conductor) => conductor,
+            Reference::Layered(layered) => layered,
         }
     }
 }

@@ -3,10 +3,13 @@
 //! Source: Heitz et al. 2016, *Multiple-Scattering Microfacet BSDFs with the Smith Model*. Deviation: `pdf` is a
 //! normalised density (see [`crate::microfacet::mirror_pdf`]), not the sum of a single-scattering and a cosine term.
 
+mod compensated;
 mod eval;
+mod scattering;
 mod slice;
 mod walk;
 
+pub use compensated::CompensatedConductor;
 pub use slice::ConductorSlice;
 pub use walk::Vertex;
 

@@ -107,7 +107,7 @@ impl Layered {
         let mut sum = Vec3::ZERO;
         self.walk_inside(start, dye, masked, rng, |segment| {
             let link = Link::new(self, segment);
-            let (scattered, based) = (link.scattered(self, exit), link.based() * exit.from_base());
+            let (scattered, based) = (link.scattered(self, exit), link.based() * exit.base_way());
             let share = |last| ends.share(segment.first, last);
             let mut part = Vec3::ZERO;
             if scattered > 0.0 {

@@ -85,7 +85,7 @@ impl Field {
             Field::Isotropic { medium, base } => {
                 let (panel, x) = panel_of(exit.slope());
                 let series = clenshaw(&medium[panel], x);
-                (series.max(Vec3::ZERO) + *base * exit.from_base()) / of as Real
+                (series.max(Vec3::ZERO) + *base * exit.base_way()) / of as Real
             }
             Field::Directional(connectors) => connectors
                 [connectors.len() * part / of..connectors.len() * (part + 1) / of]
@@ -93,7 +93,7 @@ impl Field {
                 .map(|c| {
                     let phase = henyey_greenstein(c.direction, exit.direction, layered.g);
                     c.medium * (c.link.scattered(layered, exit) * phase)
-                        + c.base * (c.link.based() * exit.from_base())
+                        + c.base * (c.link.based() * exit.base_way())
                 })
                 .sum(),
         }

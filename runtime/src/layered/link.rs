@@ -24,7 +24,7 @@ pub(super) struct Exit {
     /// Unit direction of travel, z > 0.
     pub direction: Vec3,
     slope: Real,
-    from_base: Real,
+    base_way: Real,
 }
 
 impl Exit {
@@ -43,7 +43,7 @@ impl Exit {
         Exit {
             direction: Vec3::new((1.0 - slope * slope).max(0.0).sqrt(), 0.0, slope),
             slope,
-            from_base: (-layered.sigma_t / slope).exp(),
+            base_way: (-layered.sigma_t / slope).exp(),
         }
     }
 
@@ -55,8 +55,8 @@ impl Exit {
 
     /// e^(−τ/μ'): what is left on the way from the base to the interface.
     #[inline]
-    pub fn from_base(&self) -> Real {
-        self.from_base
+    pub fn base_way(&self) -> Real {
+        self.base_way
     }
 }
 
@@ -109,7 +109,7 @@ impl Link {
             let thickness = (layered.sigma_t - t).max(0.0);
             let x = thickness / mu + thickness / mu_exit;
             if x > LONG {
-                ((-through).exp() - self.reached * exit.from_base) / (mu + mu_exit)
+                ((-through).exp() - self.reached * exit.base_way) / (mu + mu_exit)
             } else {
                 (-through).exp() * decay(x) * (thickness / mu / mu_exit)
             }

@@ -1,5 +1,5 @@
 //! The reference models against independent values, against their own integrals, and on hard and forbidden input.
 
-//mod conductor;
+mod conductor;
 mod layered;
 mod support;
