@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     /// Mean of 2²⁰ uniforms: its standard error is 2.8e-4, five of which no honest stream exceeds.
-    const MEAN_TOL: f64 = 1.4e-3;
+    const MEAN_TOL: Real = 1.4e-3;
 
     #[test]
     fn uniforms_are_uniform_and_keyed() {
@@ -66,8 +66,8 @@ mod tests {
             sum += u;
             square += u * u;
         }
-        assert!((sum / n as f64 - 0.5).abs() < MEAN_TOL);
-        assert!((square / n as f64 - 1.0 / 3.0).abs() < MEAN_TOL);
+        assert!((sum / n as Real - 0.5).abs() < MEAN_TOL);
+        assert!((square / n as Real - 1.0 / 3.0).abs() < MEAN_TOL);
         assert_eq!(Rng::new(&[1, 2, 3]).bits(), Rng::new(&[1, 2, 3]).bits());
         assert_ne!(Rng::new(&[1, 2, 3]).bits(), Rng::new(&[1, 3, 2]).bits());
     }

@@ -58,7 +58,7 @@ impl Worst {
     }
 
     fn assert_small(&self, what: &str) {
-        println!("{what}: {:.1e}, {}", self.difference, self.place);
+        eprintln!("{what}: {:.1e}, {}", self.difference, self.place);
         assert!(
             self.difference < RELATIVE_TOL,
             "{what}: {:e}, {}",

@@ -92,7 +92,6 @@ fn white_furnace_by_integrating_eval() {
             });
             let (mean, se) = (albedo.mean(0), albedo.se(0));
             let what = format!("albedo at alpha {alpha:?}, theta {theta}");
-            println!("{what}: {mean} ± {se}");
             assert!(se < FURNACE_SE_MAX, "{what}: standard error {se}");
             assert_agree((mean, se), (1.0, 0.0), FURNACE_TOL, &what);
         }

@@ -67,7 +67,6 @@ fn white_furnace_by_integrating_eval() {
                 });
                 let what = format!("albedo at sigma_t {sigma_t}, g {g}, theta {theta}");
                 let found = (albedo.mean(0), albedo.se(0));
-                println!("{what}: {found:?}");
                 assert!(found.1 < FURNACE_SE_MAX, "{what}: standard error {}", found.1);
                 assert_agree(found, (1.0, 0.0), FURNACE_TOL, &what);
             }
@@ -169,12 +168,6 @@ fn the_stochastic_pdf_is_the_density_of_sample() {
             });
             for i in 0..4 {
                 let what = format!("moment {i} at alpha {alpha}, eta {eta}, theta {theta}");
-                println!(
-                    "{what}: {} {} ± {}",
-                    density.mean(i),
-                    drawn.mean(i),
-                    density.se(i).hypot(drawn.se(i))
-                );
                 assert_agree(
                     (density.mean(i), density.se(i)),
                     (drawn.mean(i), drawn.se(i)),
