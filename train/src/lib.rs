@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bake;
+pub mod bench;
 pub mod card;
 pub mod database;
 pub mod error;

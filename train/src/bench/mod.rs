@@ -1,0 +1,3 @@
+//! Speed of what others are compared with, beside the error that it buys.
+
+pub mod reference;
