@@ -4,16 +4,17 @@
 //! Deviation: the height z is computed from the distance to the nearest edge of the square, not from x and y,
 //! so that directions next to the horizon keep their relative precision.
 
-use std::f64::consts::{FRAC_PI_4, PI};
+use crate::real::Real;
+use crate::real::consts::{FRAC_PI_4, PI};
 
 /// Density of the disk position per unit area of the square: the map has constant Jacobian π.
-pub const DISK_AREA: f64 = PI;
+pub const DISK_AREA: Real = PI;
 
 /// Direction over the disk position of `s`: `[x, y, z]`, unit, z ≥ 0.
 ///
 /// `s` in `[0,1]²`, and `complement` = 1 − `s`, given apart because the caller knows it more precisely
 /// than a subtraction would. The square's edges go to the horizon.
-pub fn square_to_hemisphere(s: [f64; 2], complement: [f64; 2]) -> [f64; 3] {
+pub fn square_to_hemisphere(s: [Real; 2], complement: [Real; 2]) -> [Real; 3] {
     let a = s[0] - complement[0];
     let b = s[1] - complement[1];
     let first = a.abs() > b.abs();
@@ -33,7 +34,7 @@ pub fn square_to_hemisphere(s: [f64; 2], complement: [f64; 2]) -> [f64; 3] {
 }
 
 /// Position in the square of the disk point `(x, y)`: the inverse of [`square_to_hemisphere`].
-pub fn disk_to_square(x: f64, y: f64) -> [f64; 2] {
+pub fn disk_to_square(x: Real, y: Real) -> [Real; 2] {
     let r = x.hypot(y);
     let (a, b) = if x.abs() > y.abs() {
         let a = r.copysign(x);

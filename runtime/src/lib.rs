@@ -14,6 +14,7 @@ pub mod error;
 pub mod estimator;
 pub mod frame;
 pub mod fresnel;
+pub mod imported;
 pub mod material;
 pub mod microfacet;
 pub mod native;
