@@ -30,6 +30,14 @@ pub enum Error {
         /// What is wrong with it.
         reason: String,
     },
+    /// A table of BSDF slices is truncated, of another program, or contradicts itself.
+    #[error("{path}: cannot import its BSDF slices: {reason}; `bake_bsdf.write_slices` writes such files")]
+    Import {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, where, and what it must be.
+        reason: String,
+    },
     /// The slices of one batch differ in length.
     #[error("batch of {expected} queries, but `{name}` has {found} elements")]
     BatchLength {
@@ -71,6 +79,14 @@ impl Error {
     /// An [`Error::Network`] for `path`.
     pub fn network(path: impl Into<PathBuf>, reason: impl Into<String>) -> Self {
         Error::Network {
+            path: path.into(),
+            reason: reason.into(),
+        }
+    }
+
+    /// An [`Error::Import`] for `path`.
+    pub fn import(path: impl Into<PathBuf>, reason: impl Into<String>) -> Self {
+        Error::Import {
             path: path.into(),
             reason: reason.into(),
         }

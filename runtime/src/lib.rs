@@ -16,6 +16,7 @@ pub mod family;
 pub mod field;
 pub mod frame;
 pub mod fresnel;
+pub mod imported;
 pub mod layered;
 pub mod material;
 pub mod metals;
