@@ -26,6 +26,7 @@ pub mod network;
 #[cfg(feature = "ort")]
 pub mod onnxruntime;
 pub mod oracle;
+pub mod principled;
 pub mod random;
 pub mod real;
 pub mod reference;

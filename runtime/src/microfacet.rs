@@ -132,7 +132,8 @@ impl Stretched {
 /// The normal that mirrors one unit vector into another, as shading needs it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HalfVector {
-    /// GGX density D of the normal, per solid angle and base area, sr⁻¹; zero for a normal that points down.
+    /// GGX density D of the normal, per solid angle and base area, sr⁻¹; zero for a normal that points down, and
+    /// between directions so nearly opposite that the squared length of their sum underflows.
     pub density: Real,
     /// Cosine between the normal and either vector.
     pub cos: Real,
@@ -144,7 +145,7 @@ impl HalfVector {
     pub fn new(a: Vec3, b: Vec3, alpha: [Real; 2]) -> HalfVector {
         let sum = a + b;
         let length2 = sum.length_squared();
-        if sum.z <= 0.0 {
+        if sum.z <= 0.0 || length2 < Real::MIN_POSITIVE {
             return HalfVector {
                 density: 0.0,
                 cos: 0.0,
