@@ -4,8 +4,10 @@ use crate::bsdf::{Bsdf, BsdfSample, Estimate, Slice};
 use crate::conductor::Conductor;
 use crate::error::{Error, Result};
 use crate::family::Family;
+use crate::imported::Imported;
 use crate::layered::Layered;
 use crate::material::Material;
+use crate::principled::{Principled, PrincipledParameters};
 use crate::random::Rng;
 use crate::real::{Real, Vec3};
 use crate::setting::Setting;
@@ -17,6 +19,10 @@ pub enum Reference {
     Conductor(Conductor),
     /// [`Family::Layered`].
     Layered(Layered),
+    /// [`Family::Principled`].
+    Principled(Principled),
+    /// [`Family::Imported`].
+    Imported(Imported),
 }
 
 impl Reference {

@@ -3,4 +3,5 @@
 mod conductor;
 mod imported;
 mod layered;
+mod principled;
 mod support;

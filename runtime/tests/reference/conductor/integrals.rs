@@ -1,7 +1,7 @@
 //! What the model must integrate to: white furnace, normalised pdf, reciprocity, and walks that average to the
 //! integral of `eval`.
 
-use crate::support::chi2::assert_draws_follow_pdf;
+use crate::support::draws::assert_draws_follow_pdf;
 use crate::support::quadrature::{QUADRATURE_TOL, draw_normal};
 use crate::support::{Means, ROUND_OFF, assert_agree, direction};
 use bake_runtime::conductor::{CompensatedConductor, Conductor};

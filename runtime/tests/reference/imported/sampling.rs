@@ -1,6 +1,7 @@
 //! Sampling: the pdf integrates to 1 and is that of `propose`, the mean weight is the albedo, weights are bounded.
 
 use super::{At, Grid, bound, circle, direction, eval, lobe, spaced};
+use crate::support::chi_square::{SIGNIFICANCE, chi_square, sidak};
 use bake_runtime::imported::Imported;
 use bake_runtime::{Bsdf, Rng};
 use glam::DVec3;
@@ -11,9 +12,6 @@ const QUADRATURE_TOL: f64 = 1e-3;
 
 /// Standard errors allowed between a mean and a quadrature.
 const SIGMAS: f64 = 3.0;
-
-/// Probability that a correct program fails the χ² tests of this file, all of them together.
-const SIGNIFICANCE: f64 = 0.01;
 
 /// A BSDF and a direction, with the words for messages.
 struct Case {
@@ -104,72 +102,29 @@ fn propose_draws_from_the_pdf() {
     /// Points per side of a bin. Steps of the density at cells err by a thousandth of a bin, where counts of some
     /// 3500 spread by 17 thousandths.
     const STEPS: [usize; 2] = [60, 60];
-    /// Least expected count for which a bin's is nearly normal; emptier bins are pooled.
-    const EXPECTED_MIN: f64 = 10.0;
     let cases = cases();
-    let tests = cases.len() as i32;
+    let tests = cases.len();
     for (k, Case { name, bsdf, wo }) in cases.into_iter().enumerate() {
         let mut rng = Rng::new(&[0xc41, k as u64]);
-        let mut counts = vec![0u32; BINS[0] * BINS[1]];
+        let mut counts = vec![0u64; BINS[0] * BINS[1]];
         for _ in 0..SAMPLES {
             let wi = bsdf.propose(wo, rng.pair()).expect("wo is above the horizon");
             let ring = ((wi.x * wi.x + wi.y * wi.y) * BINS[0] as f64) as usize;
             let sector = (wi.y.atan2(wi.x).rem_euclid(TAU) / TAU * BINS[1] as f64) as usize;
             counts[ring.min(BINS[0] - 1) * BINS[1] + sector.min(BINS[1] - 1)] += 1;
         }
-        let (mut chi2, mut bins) = (0.0, 0.0);
-        let mut add = |expected: f64, count: f64| {
-            chi2 += (count - expected).powi(2) / expected;
-            bins += 1.0;
-        };
-        let mut pool = (0.0, 0.0);
-        for (bin, &count) in counts.iter().enumerate() {
-            let edges = |i: usize, n: usize, size: f64| {
-                (i as f64 * size / n as f64, (i + 1) as f64 * size / n as f64)
-            };
-            let ring = edges(bin / BINS[1], BINS[0], 1.0);
-            let sector = edges(bin % BINS[1], BINS[1], TAU);
-            let expected = SAMPLES as f64 * integrate(STEPS, ring, sector, |wi| bsdf.pdf(wo, wi) / wi.z);
-            match expected < EXPECTED_MIN {
-                true => pool = (pool.0 + expected, pool.1 + f64::from(count)),
-                false => add(expected, f64::from(count)),
-            }
-        }
-        if pool.0 > EXPECTED_MIN {
-            add(pool.0, pool.1);
-        }
-        let p = chi2_tail(chi2, bins - 1.0);
-        // Šidák's correction for several tests.
-        let least = 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / f64::from(tests));
-        assert!(p > least, "{name}: χ² {chi2:.1} in {bins} bins, p {p:.2e}");
-    }
-}
-
-/// Probability that χ² of `dof` degrees of freedom exceeds `chi2`, by the cube root that is nearly normal (Wilson
-/// and Hilferty 1931), good to a few percent of p for the hundreds of degrees here.
-fn chi2_tail(chi2: f64, dof: f64) -> f64 {
-    let spread = 2.0 / (9.0 * dof);
-    let z = ((chi2 / dof).cbrt() - (1.0 - spread)) / spread.sqrt();
-    // The normal tail by midpoints up to where nothing is left.
-    let (steps, end) = (20_000, 12.0);
-    let step = (end - z.min(end)) / f64::from(steps);
-    let density = |t: f64| (-0.5 * t * t).exp() / TAU.sqrt();
-    (0..steps)
-        .map(|k| density(z + (f64::from(k) + 0.5) * step) * step)
-        .sum()
-}
-
-#[test]
-fn the_chi2_tail_is_that_of_tables() {
-    /// Of the quantiles, which are printed to four digits, and of the approximation.
-    const TAIL_TOL: f64 = 0.03;
-    // Quantiles of χ² with 100 degrees of freedom (Abramowitz and Stegun 1964, Table 26.8).
-    for (chi2, p) in [(99.3341, 0.5), (118.498, 0.1), (135.807, 0.01), (149.449, 0.001)] {
-        let found = chi2_tail(chi2, 100.0);
-        assert!(
-            (found / p - 1.0).abs() < TAIL_TOL,
-            "{found} at {chi2}, expected {p}"
-        );
+        let expected: Vec<f64> = (0..counts.len())
+            .map(|bin| {
+                let edges = |i: usize, n: usize, size: f64| {
+                    (i as f64 * size / n as f64, (i + 1) as f64 * size / n as f64)
+                };
+                let ring = edges(bin / BINS[1], BINS[0], 1.0);
+                let sector = edges(bin % BINS[1], BINS[1], TAU);
+                SAMPLES as f64 * integrate(STEPS, ring, sector, |wi| bsdf.pdf(wo, wi) / wi.z)
+            })
+            .collect();
+        let p = chi_square(&expected, &counts);
+        assert!(p > sidak(SIGNIFICANCE, tests), "{name}: p {p:.2e}");
     }
 }
 

@@ -2,7 +2,7 @@
 //! normalised and sampled pdf, and slices that share their walks.
 
 use super::{SETTINGS, Setting};
-use crate::support::chi2::assert_draws_follow_pdf;
+use crate::support::draws::assert_draws_follow_pdf;
 use crate::support::quadrature::{QUADRATURE_TOL, hemisphere};
 use crate::support::{Means, ROUND_OFF, assert_agree, direction};
 use bake_runtime::frame::{Frame, mirror_anchor};

@@ -1,7 +1,8 @@
 //! What the tests of the reference models share: directions, means with standard errors, tables of independent
 //! values, quadrature and χ².
 
-pub mod chi2;
+pub mod chi_square;
+pub mod draws;
 pub mod quadrature;
 pub mod table;
 

@@ -1,8 +1,9 @@
 //! What the model and its sampler must integrate to, and the largest albedo of the domain.
 
-use super::chi_square::{normal_tail, sidak};
 use super::quadrature::integrate;
-use super::{SIGNIFICANCE, bound, direction, eval, settings};
+use super::{bound, direction, eval, settings};
+use crate::support::chi_square::SIGNIFICANCE;
+use crate::support::chi_square::{normal_tail, sidak};
 use bake_runtime::principled::PrincipledParameters;
 use bake_runtime::{Bsdf, Rng};
 use glam::DVec3;

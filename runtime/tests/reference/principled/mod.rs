@@ -1,29 +1,19 @@
 //! The reference principled BRDF against Mitsuba's values, against its own integrals, and at the inputs where such
 //! models usually break.
 
-#[path = "../support/chi_square.rs"]
-mod chi_square;
 mod edges;
 mod integrals;
 mod quadrature;
 mod sampling;
 mod tables;
 
+use crate::support::direction;
 use bake_runtime::principled::{Principled, PrincipledParameters};
 use bake_runtime::{Bsdf, Rng};
 use glam::DVec3;
 
-/// Probability that a correct program fails one of this folder's statistical tests, each with all its cases.
-const SIGNIFICANCE: f64 = 0.01;
-
 /// A setting with its name for messages.
 type Setting = (&'static str, Principled);
-
-/// Unit vector of polar angle `theta` and azimuth `phi`, degrees.
-fn direction(theta: f64, phi: f64) -> DVec3 {
-    let ((sin, cos), (y, x)) = (theta.to_radians().sin_cos(), phi.to_radians().sin_cos());
-    DVec3::new(sin * x, sin * y, cos)
-}
 
 fn bound(parameters: PrincipledParameters) -> Principled {
     Principled::new(parameters).expect("valid parameters")

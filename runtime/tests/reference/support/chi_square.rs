@@ -2,6 +2,9 @@
 
 use std::f64::consts::TAU;
 
+/// Probability that a right program fails one family of statistical tests, all its cases together.
+pub const SIGNIFICANCE: f64 = 0.01;
+
 /// Least expected count for which a bin's count is nearly normal; emptier bins are pooled.
 const EXPECTED_MIN: f64 = 10.0;
 

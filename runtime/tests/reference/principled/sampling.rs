@@ -1,8 +1,9 @@
 //! The sampler: it draws from its pdf, and its weights vary little.
 
-use super::chi_square::{chi_square, sidak};
 use super::quadrature::alpha;
-use super::{SIGNIFICANCE, bound, direction, settings};
+use super::{bound, direction, settings};
+use crate::support::chi_square::SIGNIFICANCE;
+use crate::support::chi_square::{chi_square, sidak};
 use bake_runtime::principled::{Principled, PrincipledParameters};
 use bake_runtime::{Bsdf, Rng};
 use glam::DVec3;
