@@ -124,7 +124,7 @@ impl Parameter {
         let default = match (self.default, self.instead_of) {
             (Some([one]), _) => format!("default {one}"),
             (Some(several), _) => format!("default {several:?}"),
-            (None, Some(other)) => format!("or `{other}`"),
+            (None, Some(other)) => format!("or `{other}` in its place"),
             (None, None) => "must be given".into(),
         };
         format!("{}, {default}", self.kind)

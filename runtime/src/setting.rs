@@ -143,10 +143,15 @@ impl Setting {
 
     /// What errors call scalar `i` of this setting of the parameter `name`: `g`, `alpha[0]`.
     pub(crate) fn label(&self, name: &str, i: usize) -> String {
-        match self.scalars().len() {
-            1 => name.to_string(),
-            _ => format!("{name}[{i}]"),
-        }
+        component(name, i, self.scalars().len())
+    }
+}
+
+/// What errors call component `i` of the `count` of parameter `name`: `g`, `alpha[0]`.
+pub(crate) fn component(name: &str, i: usize, count: usize) -> String {
+    match count {
+        1 => name.to_string(),
+        _ => format!("{name}[{i}]"),
     }
 }
 
