@@ -1,5 +1,6 @@
 //! What the command line takes.
 
+use bake_runtime::field::Field;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -29,6 +30,44 @@ pub enum Command {
     Export(ExportOptions),
     /// Render a scene with one method.
     Render(RenderOptions),
+    /// Answer questions from standard input: values, densities, samples and albedos at given directions.
+    ///
+    /// Every line is a JSON object and is printed again with its answer, in order, as soon as it is there:
+    ///
+    /// {"params": {"alpha": [0.3, 0.1], "reflectance": [1, 0.782, 0.344]}, "wo": [45, 0], "wi": [30, 180]}
+    ///
+    /// `wo` points to the camera and `wi` to the light, both as [θ, φ] in degrees, θ from the normal, φ from x
+    /// towards y. What a line asks, and the keys that answer it:
+    ///
+    /// "wi": [θ, φ] gives `f_cos` (BSDF times cos θ_i, RGB, per steradian), `se` (its standard error, zeros where
+    /// nothing is random) and `pdf` (per steradian). Below the horizon, θ ≥ 90, all are zero.
+    ///
+    /// "u": [a, b] (two numbers in [0, 1)) gives `wi` (a unit vector), `weight` (f_cos / pdf, RGB) and `pdf` of one
+    /// sampled direction. Where nothing was drawn `wi` is null, `weight` and `pdf` are zero. Networks add `jacobian`,
+    /// the signed area that u maps to, in steradians.
+    ///
+    /// "albedo": true gives `albedo` (the integral of f_cos over all wi, RGB) and `se`.
+    ///
+    /// "samples": N says how many evaluations or walks are averaged (16384 where it is missing; deterministic models
+    /// need one evaluation, and albedos take at least 32). "id" may hold anything and comes back. A line that cannot
+    /// be answered ends the program with status 2 and says which and why.
+    ///
+    /// SUBJECT decides who answers, and what `params` must hold: a family takes every parameter without a default,
+    /// a material what it leaves free, a folder of networks none.
+    #[command(after_long_help = crate::help::families())]
+    Query(QueryOptions),
+    /// Show a material: its parameters, its albedo over θ, and pictures of its slices.
+    ///
+    /// A slice is f_cos (BSDF times cos θ_i) over all directions to the light, seen from above as a disk, for one
+    /// direction to the camera. Every slice is written as EXR (linear, per steradian); slices.png shows them side by
+    /// side, exposed for the lobe above and by the logarithm below, with a ring at the camera.
+    ///
+    /// NAME is a family with its defaults, a material file, or the name of one in scenes/materials. What a material
+    /// leaves free takes the middle of its range; `--set` gives it, and anything else, another value:
+    ///
+    /// bake material conductor --set alpha=[0.3,0.1] --set ior=gold
+    #[command(after_long_help = crate::help::families())]
+    Material(MaterialOptions),
 }
 
 /// Options of `bake scene`.
@@ -70,6 +109,47 @@ pub struct ExportOptions {
     pub model: PathBuf,
 }
 
+/// Options of `bake query`.
+#[derive(Debug, Args)]
+pub struct QueryOptions {
+    /// A family (its reference model), a material file or its name in scenes/materials, or a folder of networks.
+    pub subject: String,
+    /// Seed of the random numbers; an answer depends on it and on its own line alone.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// Options of `bake material`.
+#[derive(Debug, Args)]
+pub struct MaterialOptions {
+    /// A family, a material file, or the name of one in scenes/materials.
+    pub name: String,
+    /// Polar angles of the camera for the slices, degrees, 0 to below 90.
+    #[arg(long, value_delimiter = ',', default_value = "10,45,75,85", value_parser = polar_angle)]
+    pub theta: Vec<f64>,
+    /// Azimuth of the camera, degrees from x towards y.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
+    pub phi: f64,
+    /// Width and height of a slice in pixels.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u64).range(16..=4096))]
+    pub size: u64,
+    /// Where the pictures go [default: out/materials/NAME].
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// A parameter and its value, e.g. roughness=0.3, alpha=[0.3,0.1] or ior=gold; may be given several times.
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = assignment)]
+    pub set: Vec<(String, Field)>,
+    /// Random walks behind each slice; albedos take 32 times as many.
+    #[arg(long, default_value_t = 2048, value_parser = clap::value_parser!(u64).range(1..=1 << 24))]
+    pub samples: u64,
+    /// Seed of the random numbers.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print everything as one JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Options of `bake render`.
 #[derive(Debug, Args)]
 pub struct RenderOptions {
@@ -102,6 +182,32 @@ pub struct RenderOptions {
     /// Print the result as one JSON object, with the error against the converged reference, on standard output.
     #[arg(long)]
     pub json: bool,
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err("give a number".into()),
+    }
+}
+
+fn polar_angle(text: &str) -> Result<f64, String> {
+    match finite(text) {
+        Ok(theta) if (0.0..90.0).contains(&theta) => Ok(theta),
+        _ => Err("give an angle in degrees, 0 to below 90".into()),
+    }
+}
+
+/// `KEY=VALUE`, the value as JSON or as a bare word.
+fn assignment(text: &str) -> Result<(String, Field), String> {
+    match text.split_once('=') {
+        Some((key, value)) if !key.trim().is_empty() && !value.trim().is_empty() => {
+            let value = value.trim();
+            let field = serde_json::from_str(value).unwrap_or_else(|_| Field::Text(value.into()));
+            Ok((key.trim().into(), field))
+        }
+        _ => Err("give KEY=VALUE, e.g. roughness=0.3".into()),
+    }
 }
 
 fn positive_seconds(text: &str) -> Result<f64, String> {

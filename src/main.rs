@@ -5,6 +5,7 @@ mod arguments;
 mod backends;
 mod candle_environment;
 mod commands;
+mod help;
 mod interrupt;
 mod machine;
 mod output;
@@ -57,7 +58,10 @@ fn run(arguments: Arguments) -> anyhow::Result<()> {
     if matches!(arguments.command, Command::Scene(_)) {
         candle_environment::settle();
     }
-    interrupt::listen()?;
+    // Rows are answered as they come: there is nothing to save before Ctrl-C ends that.
+    if !matches!(arguments.command, Command::Query(_)) {
+        interrupt::listen()?;
+    }
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads.get())
@@ -67,6 +71,8 @@ fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Scene(options) => commands::scene::run(&options),
         Command::Check(options) => commands::check::run(&options),
         Command::Export(options) => commands::export::run(&options),
+        Command::Query(options) => commands::query::run(&options),
+        Command::Material(options) => commands::material::run(&options),
         Command::Render(options) => commands::render::run(&options),
     }
 }

@@ -121,6 +121,16 @@ pub(crate) fn usable(w: Vec3) -> bool {
     w.z > 0.0 && (w.length_squared() - 1.0).abs() <= UNIT_TOL
 }
 
+/// Unit direction of polar angle `theta_deg` from the normal and azimuth `phi_deg` from x towards y, degrees.
+///
+/// z is exactly 0 at 90°, so that such a direction counts as not above the horizon.
+pub fn direction(theta_deg: Real, phi_deg: Real) -> Vec3 {
+    let (sin_theta, cos_theta) = theta_deg.to_radians().sin_cos();
+    let (sin_phi, cos_phi) = phi_deg.to_radians().sin_cos();
+    let z = if theta_deg == 90.0 { 0.0 } else { cos_theta };
+    Vec3::new(sin_theta * cos_phi, sin_theta * sin_phi, z)
+}
+
 /// Point `index` of the R2 sequence (Roberts 2018, *The Unreasonable Effectiveness of Quasirandom Sequences*),
 /// shifted on the torus: low discrepancy, no tables.
 pub fn shifted_r2(index: u64, shift: [Real; 2]) -> [Real; 2] {

@@ -38,6 +38,17 @@ pub enum Error {
         /// What is wrong, where, and what it must be.
         reason: String,
     },
+    /// A line is not what was expected of it.
+    #[error("not a JSON object: {0}")]
+    Json(String),
+    /// A query asks for something that makes no sense.
+    #[error("`{name}`: {reason}")]
+    Query {
+        /// The part of the query, e.g. `wo` or, of a batch, `wo[3]`.
+        name: String,
+        /// What is wrong with it and what is allowed.
+        reason: String,
+    },
     /// The slices of one batch differ in length.
     #[error("batch of {expected} queries, but `{name}` has {found} elements")]
     BatchLength {
@@ -76,6 +87,14 @@ impl Error {
         }
     }
 
+    /// An [`Error::Query`] for `name`.
+    pub fn query(name: impl Into<String>, reason: impl Into<String>) -> Self {
+        Error::Query {
+            name: name.into(),
+            reason: reason.into(),
+        }
+    }
+
     /// An [`Error::Network`] for `path`.
     pub fn network(path: impl Into<PathBuf>, reason: impl Into<String>) -> Self {
         Error::Network {
@@ -97,13 +116,17 @@ impl Error {
 pub(crate) fn check(name: &str, values: &[Real], lowest: Real, highest: Real) -> Result<()> {
     match values.iter().position(|v| !(lowest..=highest).contains(v)) {
         Some(i) => Err(Error::parameter(
-            if values.len() == 1 {
-                name.to_string()
-            } else {
-                format!("{name}[{i}]")
-            },
+            component(name, i, values.len()),
             format!("is {}, but must lie in {lowest}..{highest}", values[i]),
         )),
         None => Ok(()),
+    }
+}
+
+/// What errors call component `i` of the `count` of parameter `name`: `g`, `alpha[0]`.
+pub(crate) fn component(name: &str, i: usize, count: usize) -> String {
+    match count {
+        1 => name.to_string(),
+        _ => format!("{name}[{i}]"),
     }
 }

@@ -2,6 +2,7 @@
 //! error messages and the help of the command line are made from.
 
 use crate::conductor::Conductor;
+use crate::layered::Layered;
 use crate::metals;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -124,7 +125,7 @@ impl Parameter {
         let default = match (self.default, self.instead_of) {
             (Some([one]), _) => format!("default {one}"),
             (Some(several), _) => format!("default {several:?}"),
-            (None, Some(other)) => format!("or `{other}`"),
+            (None, Some(other)) => format!("or `{other}` in its place"),
             (None, None) => "must be given".into(),
         };
         format!("{}, {default}", self.kind)
@@ -216,19 +217,19 @@ const LAYERED: [Parameter; 6] = [
     required(
         "alpha",
         1,
-        [1e-3, 1.0],
+        [Layered::ALPHA_MIN, 1.0],
         "GGX roughness of the interface, as the microfacet model takes it",
     ),
     optional(
         "eta",
         &[1.5],
-        [0.5, 4.0],
-        "index of refraction of the slab, relative to what is above it",
+        [Layered::ETA_MIN, Layered::ETA_MAX],
+        "index of refraction of the slab over that of what is above it; 1 means no interface",
     ),
     required(
         "sigma_t",
         1,
-        [0.0, 100.0],
+        [0.0, Layered::SIGMA_T_MAX],
         "vertical optical depth of the slab, mean free paths",
     ),
     required(
@@ -246,7 +247,7 @@ const LAYERED: [Parameter; 6] = [
     optional(
         "g",
         &[0.0],
-        [-0.99, 0.99],
+        [-Layered::G_MAX, Layered::G_MAX],
         "mean cosine of scattering in the slab (Henyey–Greenstein)",
     ),
 ];

@@ -6,6 +6,8 @@
 #![deny(unsafe_code)]
 
 pub mod backend;
+pub mod batch;
+mod binding;
 pub mod bsdf;
 pub mod concentric;
 pub mod conductor;
@@ -27,6 +29,7 @@ pub mod network;
 pub mod onnxruntime;
 pub mod oracle;
 pub mod principled;
+pub mod query;
 pub mod random;
 pub mod real;
 pub mod reference;

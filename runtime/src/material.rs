@@ -1,11 +1,9 @@
 //! A material: a family, its fixed parameters and its free ranges. The description that a bake starts from
 //! and that every baked file carries.
 
-use crate::conductor::Conductor;
-use crate::error::{Error, Result, check};
+use crate::error::{Error, Result};
 use crate::family::{Family, Kind};
 use crate::field::{Field, Fields};
-use crate::reference::Reference;
 use crate::setting::{Scalar, Setting};
 use serde::de::Error as _;
 use serde::ser::SerializeMap;
@@ -102,6 +100,15 @@ impl Material {
             .map(|(_, s)| s)
     }
 
+    /// What values its parameter called `name` takes.
+    pub(crate) fn kind(&self, name: &str) -> Result<Kind> {
+        match self.family.parameter(name) {
+            Some(parameter) => Ok(parameter.kind),
+            None if self.family.is_open() => Ok(OPEN),
+            None => Err(unknown(self.family, name, &[])),
+        }
+    }
+
     /// Checks that everything is there, and every value and range.
     ///
     /// # Errors
@@ -109,18 +116,18 @@ impl Material {
     /// min > max.
     pub fn validate(&self) -> Result<()> {
         for (name, setting) in &self.parameters {
-            let kind = match self.family.parameter(name) {
-                Some(parameter) => parameter.kind,
-                None if self.family.is_open() => OPEN,
-                None => return Err(unknown(self.family, name, &[])),
-            };
-            setting.check(name, kind)?;
+            setting.check(name, self.kind(name)?)?;
         }
         for parameter in self.family.parameters() {
             let other = parameter.instead_of.filter(|other| self.get(other).is_some());
             match (self.get(parameter.name), other) {
                 (None, None) => {
-                    let reason = format!("missing field, expected {}", parameter.domain());
+                    let instead = parameter.instead_of.map(|o| format!(", or `{o}` in its place"));
+                    let reason = format!(
+                        "missing field, expected {}{}",
+                        parameter.kind,
+                        instead.unwrap_or_default()
+                    );
                     return Err(Error::parameter(parameter.name, reason));
                 }
                 (Some(_), Some(other)) => {
@@ -131,106 +138,6 @@ impl Material {
             }
         }
         Ok(())
-    }
-
-    /// The free scalars in order, as `(name, min, max)`, e.g. `alpha[0]`.
-    pub fn free(&self) -> Vec<(String, f64, f64)> {
-        let mut free = Vec::new();
-        for (name, setting) in &self.parameters {
-            for (i, scalar) in setting.scalars().iter().enumerate() {
-                if let Some((min, max)) = scalar.range() {
-                    free.push((setting.label(name, i), min, max));
-                }
-            }
-        }
-        free
-    }
-
-    /// The reference model at one point of the free ranges: `values` in the order of [`Material::free`].
-    ///
-    /// # Errors
-    /// [`Error::Parameter`] where [`Material::validate`] fails, a value leaves its range, or their number is wrong.
-    pub fn bind(&self, values: &[f64]) -> Result<Reference> {
-        let mut bound = self.clone();
-        let mut values_left = values.iter();
-        for (name, setting) in &mut bound.parameters {
-            let labels: Vec<String> = (0..setting.scalars().len())
-                .map(|i| setting.label(name, i))
-                .collect();
-            for (scalar, label) in setting.scalars_mut().iter_mut().zip(labels) {
-                let Some((min, max)) = scalar.range() else {
-                    continue;
-                };
-                let Some(&value) = values_left.next() else {
-                    return Err(Error::parameter(label, "is free, but has no value"));
-                };
-                check(&label, &[value], min, max)?;
-                *scalar = Scalar::Fixed(value);
-            }
-        }
-        match values_left.len() {
-            0 => bound.reference(),
-            more => Err(Error::parameter(
-                "values",
-                format!("there are {more} more than free parameters"),
-            )),
-        }
-    }
-
-    /// The reference model with every parameter fixed.
-    ///
-    /// # Errors
-    /// [`Error::Parameter`] where [`Material::validate`] fails or a parameter is free; an imported table's own.
-    pub fn reference(&self) -> Result<Reference> {
-        self.validate()?;
-        Reference::new(self)
-    }
-
-    /// The reference model of a conductor with every parameter fixed: what can be baked so far.
-    ///
-    /// # Errors
-    /// [`Error::Parameter`] for another family, and as [`Material::reference`].
-    pub fn conductor(&self) -> Result<Conductor> {
-        let refused = || {
-            let reason = format!(
-                "is \"{}\", but only materials of the family `conductor` can be baked so far",
-                self.family.name()
-            );
-            Error::parameter("family", reason)
-        };
-        // The family first: other families may have ranges of their own to complain about.
-        if self.family != Family::Conductor {
-            return Err(refused());
-        }
-        match self.reference()? {
-            Reference::Conductor(conductor) => Ok(conductor),
-            _ => Err(refused()),
-        }
-    }
-
-    /// The `N` fixed values of the parameter called `name`.
-    ///
-    /// # Errors
-    /// [`Error::Parameter`] when it is free or not there.
-    pub(crate) fn numbers<const N: usize>(&self, name: &str) -> Result<[f64; N]> {
-        let scalars = self.get(name).map_or(&[][..], Setting::scalars);
-        let mut values = [0.0; N];
-        for (i, value) in values.iter_mut().enumerate() {
-            let label = || {
-                if N == 1 {
-                    name.to_string()
-                } else {
-                    format!("{name}[{i}]")
-                }
-            };
-            *value = match scalars.get(i) {
-                None => return Err(Error::parameter(label(), "missing field")),
-                Some(scalar) => scalar
-                    .fixed()
-                    .map_err(|reason| Error::parameter(label(), reason))?,
-            };
-        }
-        Ok(values)
     }
 }
 
@@ -315,7 +222,6 @@ mod tests {
         )
         .expect("valid parameters");
         assert_eq!(parse(VASE).expect("a valid description"), made);
-        assert_eq!(made.conductor().expect("fixed").alpha, [0.3, 0.1]);
     }
 
     #[test]
@@ -337,32 +243,6 @@ mod tests {
         assert_eq!(material.free(), [("metallic".to_string(), 0.0, 1.0)]);
         let again = serde_json::to_string(&material).expect("plain data");
         assert_eq!(parse(&again).expect("its own output"), material);
-    }
-
-    #[test]
-    fn free_ranges_are_bound_in_order() {
-        let text = VASE
-            .replace("0.3,", r#"{"min":0.01,"max":0.5},"#)
-            .replace("0.344", r#"{"min":0.2,"max":0.4}"#);
-        let material = parse(&text).expect("a valid description");
-        let names: Vec<String> = material.free().into_iter().map(|(name, ..)| name).collect();
-        assert_eq!(names, ["alpha[0]", "reflectance[2]"]);
-        let bound = material.bind(&[0.2, 0.3]).expect("within the ranges");
-        let conductor = bound.as_conductor().expect("a conductor");
-        assert_eq!((conductor.alpha, bound.base_color().z), ([0.2, 0.1], 0.3));
-        for (values, name) in [
-            (&[0.2][..], "reflectance[2]"),
-            (&[0.6, 0.3], "alpha[0]"),
-            (&[0.2, f64::NAN], "reflectance[2]"),
-            (&[0.2, 0.3, 0.4], "values"),
-        ] {
-            match material.bind(values) {
-                Err(Error::Parameter { name: found, .. }) => assert_eq!(found, name),
-                other => panic!("{values:?} gave {other:?}"),
-            }
-        }
-        let error = material.reference().expect_err("it has free ranges").to_string();
-        assert!(error.contains("`alpha[0]`: is free over 0.01..0.5"), "{error}");
     }
 
     #[test]
@@ -397,12 +277,5 @@ mod tests {
             .expect_err("none")
             .to_string();
         assert!(neither.contains("`unused`: unknown field"), "{neither}");
-    }
-
-    #[test]
-    fn only_conductors_can_be_baked() {
-        let plastic = Material::fixed("plastic", Family::Principled, &[]).expect("all defaults");
-        let error = plastic.conductor().expect_err("another family").to_string();
-        assert!(error.contains("`family`: is \"principled\""), "{error}");
     }
 }

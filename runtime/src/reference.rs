@@ -4,7 +4,7 @@ use crate::bsdf::{Bsdf, BsdfSample, Estimate, Slice};
 use crate::conductor::Conductor;
 use crate::error::{Error, Result};
 use crate::family::Family;
-use crate::imported::Imported;
+use crate::imported::{Imported, ImportedTable};
 use crate::layered::Layered;
 use crate::material::Material;
 use crate::principled::{Principled, PrincipledParameters};
@@ -31,6 +31,7 @@ impl Reference {
     /// # Errors
     /// [`Error::Parameter`] for a free parameter, and what the model itself refuses.
     pub(crate) fn new(material: &Material) -> Result<Reference> {
+        let number = |name: &str| material.numbers::<1>(name).map(|[value]| value);
         match material.family {
             Family::Conductor => {
                 let alpha = material.numbers("alpha")?;
@@ -41,22 +42,50 @@ impl Reference {
                 Ok(Reference::Conductor(conductor))
             }
             Family::Layered => {
-                let [alpha, eta, sigma_t, g] =
-                    ["alpha", "eta", "sigma_t", "g"].map(|name| material.numbers::<1>(name));
                 let layered = Layered::new(
-                    alpha?[0],
-                    eta?[0],
-                    sigma_t?[0],
+                    number("alpha")?,
+                    number("eta")?,
+                    number("sigma_t")?,
                     material.numbers("albedo")?,
                     material.numbers("base")?,
-                    g?[0],
+                    number("g")?,
                 )?;
                 Ok(Reference::Layered(layered))
             }
-            other => Err(Error::parameter(
-                "family",
-                format!("`{}` has no reference model in this version", other.name()),
-            )),
+            Family::Principled => {
+                let principled = Principled::new(PrincipledParameters {
+                    base_color: Vec3::from_array(material.numbers("base_color")?),
+                    metallic: number("metallic")?,
+                    roughness: number("roughness")?,
+                    specular: number("specular")?,
+                    specular_tint: number("specular_tint")?,
+                    anisotropic: number("anisotropic")?,
+                    sheen: number("sheen")?,
+                    sheen_tint: number("sheen_tint")?,
+                    clearcoat: number("clearcoat")?,
+                    clearcoat_gloss: number("clearcoat_gloss")?,
+                    flatness: number("flatness")?,
+                })?;
+                Ok(Reference::Principled(principled))
+            }
+            Family::Imported => {
+                let Some(Setting::File(path)) = material.get("file") else {
+                    return Err(Error::parameter("file", "missing field"));
+                };
+                let imported = ImportedTable::bind_file(path, number)?;
+                // A parameter that the table does not have would be passed over in silence.
+                let table = imported.table().clone();
+                for (name, _) in material.parameters.iter().filter(|(name, _)| name != "file") {
+                    if !table.param_names().contains(name) {
+                        let names = table.param_names().join("`, `");
+                        return Err(Error::parameter(
+                            name,
+                            format!("{} has no such parameter, only `{names}`", path.display()),
+                        ));
+                    }
+                }
+                Ok(Reference::Imported(imported))
+            }
         }
     }
 
@@ -69,11 +98,13 @@ impl Reference {
     }
 
     /// The colour that a picture's auxiliary image shows for it, linear RGB in `[0, 1]`: a conductor's reflectance at
-    /// normal incidence, a layered material's base.
+    /// normal incidence, a layered material's base, an imported table's albedo at normal incidence.
     pub fn base_color(&self) -> Vec3 {
         match self {
             Reference::Conductor(conductor) => conductor.fresnel.normal(),
             Reference::Layered(layered) => layered.base(),
+            Reference::Principled(principled) => principled.parameters().base_color,
+            Reference::Imported(imported) => imported.albedo(Vec3::Z, 1 << 10, 0).mean.min(Vec3::ONE),
         }
     }
 
@@ -82,6 +113,8 @@ impl Reference {
         match self {
             Reference::Conductor(conductor) => conductor,
             Reference::Layered(layered) => layered,
+            Reference::Principled(principled) => principled,
+            Reference::Imported(imported) => imported,
         }
     }
 }

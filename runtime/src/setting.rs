@@ -1,7 +1,7 @@
 //! The values of one parameter of a material, how they are read, and what is said when they are wrong.
 
 use crate::conductor::Conductor;
-use crate::error::{Error, Result, check};
+use crate::error::{Error, Result, check, component};
 use crate::family::Kind;
 use crate::field::{Field, Fields};
 use crate::metals;
@@ -143,10 +143,7 @@ impl Setting {
 
     /// What errors call scalar `i` of this setting of the parameter `name`: `g`, `alpha[0]`.
     pub(crate) fn label(&self, name: &str, i: usize) -> String {
-        match self.scalars().len() {
-            1 => name.to_string(),
-            _ => format!("{name}[{i}]"),
-        }
+        component(name, i, self.scalars().len())
     }
 }
 

@@ -9,6 +9,7 @@ use exr::prelude::{
     ReadLayers, SmallVec, Text, WritableImage,
 };
 use glam::Vec3;
+use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -26,37 +27,65 @@ type FlatLayer = Layer<AnyChannels<FlatSamples>>;
 /// # Errors
 /// [`Error::Runtime`] naming the file that could not be written.
 pub fn write(path: &Path, image: &Image) -> Result<()> {
-    let mut channels: SmallVec<[AnyChannel<FlatSamples>; 4]> = SmallVec::new();
     let groups = [
         ("", RGB, &image.rgb),
         ("variance", RGB, &image.variance),
         ("albedo", RGB, &image.albedo),
         ("normal", XYZ, &image.normal),
     ];
+    let mut channels = Channels::new();
     for (group, letters, pixels) in groups {
-        for (c, letter) in letters.iter().enumerate() {
-            let samples = pixels.iter().map(|p| p[c]).collect();
-            channels.push(AnyChannel::new(
-                channel_name(group, letter).as_str(),
-                FlatSamples::F32(samples),
-            ));
-        }
+        push_triples(&mut channels, group, letters, pixels);
     }
     channels.push(AnyChannel::new("object", FlatSamples::F32(image.object.clone())));
-    let mut attributes = LayerAttributes::default();
-    let counts = [
-        (SPP_KEY, image.spp.to_string()),
-        (NON_FINITE_KEY, image.non_finite.to_string()),
-    ];
-    let texts = counts.iter().map(|(k, v)| (*k, v.as_str()));
-    for (key, value) in texts.chain(image.attributes.iter().map(|(k, v)| (k.as_str(), v.as_str()))) {
-        attributes
-            .other
-            .insert(Text::from(key), AttributeValue::Text(Text::from(value)));
+    let mut attributes = image.attributes.clone();
+    attributes.insert(SPP_KEY.into(), image.spp.to_string());
+    attributes.insert(NON_FINITE_KEY.into(), image.non_finite.to_string());
+    write_channels(path, [image.width, image.height], channels, &attributes)
+}
+
+/// Writes the channels `R G B` of a picture of `size` = width, height, in full precision, with `attributes` as text
+/// attributes. Whole or not at all.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_rgb(
+    path: &Path,
+    size: [usize; 2],
+    rgb: &[[f32; 3]],
+    attributes: &BTreeMap<String, String>,
+) -> Result<()> {
+    let mut channels = Channels::new();
+    push_triples(&mut channels, "", RGB, rgb);
+    write_channels(path, size, channels, attributes)
+}
+
+/// What the library takes as channels.
+type Channels = SmallVec<[AnyChannel<FlatSamples>; 4]>;
+
+fn push_triples(channels: &mut Channels, group: &str, letters: [&str; 3], pixels: &[[f32; 3]]) {
+    for (c, letter) in letters.iter().enumerate() {
+        let samples = pixels.iter().map(|p| p[c]).collect();
+        let name = channel_name(group, letter);
+        channels.push(AnyChannel::new(name.as_str(), FlatSamples::F32(samples)));
     }
-    let size = (image.width, image.height);
+}
+
+fn write_channels(
+    path: &Path,
+    size: [usize; 2],
+    channels: Channels,
+    texts: &BTreeMap<String, String>,
+) -> Result<()> {
+    let mut attributes = LayerAttributes::default();
+    for (key, value) in texts {
+        attributes.other.insert(
+            Text::from(key.as_str()),
+            AttributeValue::Text(Text::from(value.as_str())),
+        );
+    }
     let layer = Layer::new(
-        size,
+        (size[0], size[1]),
         attributes,
         Encoding::SMALL_LOSSLESS,
         AnyChannels::sort(channels),
@@ -194,6 +223,20 @@ mod tests {
         let path = folder.path().join("image.exr");
         write(&path, &numbered()).unwrap();
         assert_eq!(read(&path).unwrap(), numbered());
+    }
+
+    #[test]
+    fn plain_pictures_hold_three_channels() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("plain.exr");
+        let pixels: Vec<[f32; 3]> = (0..6).map(|i| [i as f32, 0.5, 1e9]).collect();
+        let attributes = BTreeMap::from([("theta".to_string(), "45".to_string())]);
+        write_rgb(&path, [3, 2], &pixels, &attributes).unwrap();
+        let layer = read_layer(&path).unwrap();
+        assert_eq!((layer.size.width(), layer.channel_data.list.len()), (3, 3));
+        assert_eq!(triples(&path, &layer, "", RGB).unwrap(), pixels);
+        let theta = layer.attributes.other.get(&Text::from("theta"));
+        assert_eq!(theta, Some(&AttributeValue::Text(Text::from("45"))));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use bake_runtime::network::write_atomically;
 use std::path::Path;
 
 /// Values up to here are shown as they are; brighter ones are bent so that highlights keep their colour.
-const SHOULDER: f32 = 0.8;
+pub const SHOULDER: f32 = 0.8;
 
 /// Width in pixels and value of the line between pictures.
 const SEPARATOR: (usize, u8) = (2, 255);
@@ -57,7 +57,16 @@ pub fn write_png(path: &Path, images: &[&Image], exposure: f32) -> Result<()> {
         }
     }
     let width = images.len() * first.width + (images.len() - 1) * gap;
-    let bytes = encode(width, first.height, &pixels).map_err(|e| Error::image_file(path, e.to_string()))?;
+    write_codes(path, [width, first.height], &pixels)
+}
+
+/// Writes a picture of `size` = width, height, as sRGB codes, three a pixel; whole or not at all.
+///
+/// # Errors
+/// [`Error::ImageFile`] when the codes do not fill the size; [`Error::Runtime`] naming the file that could not be
+/// written.
+pub fn write_codes(path: &Path, size: [usize; 2], codes: &[u8]) -> Result<()> {
+    let bytes = encode(size[0], size[1], codes).map_err(|e| Error::image_file(path, e.to_string()))?;
     Ok(write_atomically(path, &bytes)?)
 }
 

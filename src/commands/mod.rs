@@ -3,12 +3,15 @@
 pub mod check;
 pub mod converged;
 pub mod export;
+pub mod material;
+pub mod query;
 pub mod render;
 pub mod scene;
 
 use anyhow::{Context, Result, bail};
-use bake_runtime::{BakedMaterial, Material};
-use bake_scenes::{Scene, load_scene};
+use bake_runtime::query::{Baked, Subject};
+use bake_runtime::{BakedMaterial, Family, Material};
+use bake_scenes::{Scene, load_material, load_scene};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -79,6 +82,38 @@ pub fn load_model(folder: &Path) -> Result<BakedMaterial> {
         );
     }
     Ok(BakedMaterial::load(folder)?)
+}
+
+/// Where materials are sought by name.
+const MATERIALS: &str = "scenes/materials";
+
+/// The material called `name`: a `.toml` file, or the name of one in [`MATERIALS`].
+pub fn find_material(name: &str) -> Result<Option<Material>> {
+    let by_name = Path::new(MATERIALS).join(name).with_extension("toml");
+    let file = match Path::new(name).extension() {
+        Some(extension) if extension == "toml" => Path::new(name),
+        _ if by_name.is_file() => &by_name,
+        _ => return Ok(None),
+    };
+    Ok(Some(load_material(file)?))
+}
+
+/// Who `name` is: a family, which always means its reference model, a folder of networks, or a material.
+pub fn find_subject(name: &str) -> Result<Subject> {
+    if let Some(family) = Family::find(name) {
+        return Ok(Subject::Family(family));
+    }
+    if Path::new(name).is_dir() {
+        return Ok(Subject::Baked(Baked::new(load_model(Path::new(name))?)?));
+    }
+    match find_material(name)? {
+        Some(material) => Ok(Subject::Material(material)),
+        None => bail!(
+            "{name}: there is no such family, model or material; give one of {}, a folder that `bake scene` wrote, \
+             a material file, or the name of one in {MATERIALS}",
+            Family::names()
+        ),
+    }
 }
 
 /// Makes sure that files can be written into `folder` before any work begins.

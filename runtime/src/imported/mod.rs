@@ -49,6 +49,7 @@ mod cells;
 mod disk;
 mod file;
 mod grid;
+mod shelf;
 mod table;
 
 pub use file::{F_COS_MAX, FORMAT, FORMAT_KEY};
@@ -118,6 +119,11 @@ impl Imported {
             corners,
             slices,
         }
+    }
+
+    /// The table that it is bound to.
+    pub fn table(&self) -> &Arc<ImportedTable> {
+        &self.table
     }
 
     /// Which slices a usable `wo` takes part in.

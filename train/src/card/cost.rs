@@ -1,9 +1,9 @@
 //! Nanoseconds per query on one thread: medians of interleaved runs, so that a drifting clock hits all alike.
 
 use super::Cost;
-use super::heldout::direction;
 use super::measure::BackendFactory;
 use crate::error::Result;
+use bake_runtime::bsdf::direction;
 use bake_runtime::conductor::Conductor;
 use bake_runtime::estimator::exact_weight;
 use bake_runtime::{Bsdf, Rng};

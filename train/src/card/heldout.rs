@@ -1,5 +1,6 @@
 //! The fixed held-out directions of every measure, `tests/heldout.json`.
 
+use bake_runtime::bsdf::direction;
 use glam::DVec3;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -9,13 +10,6 @@ const HELDOUT: &str = include_str!("../../../tests/heldout.json");
 #[derive(Deserialize)]
 struct File {
     wo: BTreeMap<String, Vec<[f64; 2]>>,
-}
-
-/// Unit direction at polar angle and azimuth in degrees.
-pub fn direction(theta_deg: f64, phi_deg: f64) -> DVec3 {
-    let (sin_theta, cos_theta) = theta_deg.to_radians().sin_cos();
-    let (sin_phi, cos_phi) = phi_deg.to_radians().sin_cos();
-    DVec3::new(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
 }
 
 /// Directions per stratum.

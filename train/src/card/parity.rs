@@ -1,10 +1,10 @@
 //! Agreement of backends with each other and with the f64 oracle, over random queries.
 
 use super::Parity;
-use super::heldout::direction;
 use super::measure::BackendFactory;
 use crate::error::Result;
 use bake_runtime::backend::{Backend, BakedMaterial};
+use bake_runtime::bsdf::direction;
 use bake_runtime::{Rng, oracle};
 use rayon::prelude::*;
 
