@@ -139,7 +139,8 @@ pub struct MaterialOptions {
     /// A parameter and its value, e.g. roughness=0.3, alpha=[0.3,0.1] or ior=gold; may be given several times.
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = assignment)]
     pub set: Vec<(String, Field)>,
-    /// Random walks behind each slice; albedos take 32 times as many.
+    /// Random walks behind each slice; albedos take 32 times as many. All pixels share them, so noise shows as faint
+    /// streaks in the tails, which move with `--seed`.
     #[arg(long, default_value_t = 2048, value_parser = clap::value_parser!(u64).range(1..=1 << 24))]
     pub samples: u64,
     /// Seed of the random numbers.

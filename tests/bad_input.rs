@@ -33,7 +33,7 @@ fn an_unknown_key_of_a_material() {
         &[
             "materials/vase.toml",
             "roughness",
-            "expected one of `family`, `alpha`",
+            "expected one of `family`, `alpha`, `reflectance`, `ior`",
         ],
     );
 }
@@ -44,7 +44,12 @@ fn an_unknown_family() {
     complains(
         &studio,
         &["scene", SCENE],
-        &["materials/vase.toml", "family", "plastic", "`conductor`"],
+        &[
+            "materials/vase.toml",
+            "family",
+            "plastic",
+            "`conductor`, `layered`, `principled`, `imported`",
+        ],
     );
 }
 

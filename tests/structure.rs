@@ -81,6 +81,25 @@ fn a_renderer_links_no_candle_no_onnxruntime_and_no_logging() {
 }
 
 #[test]
+fn threads_of_the_runtime_are_an_option() {
+    assert!(
+        tree(RUNTIME).contains("rayon"),
+        "batches run on all threads by default"
+    );
+    let alone = tree_with(RUNTIME, &["--no-default-features"]);
+    let found: Vec<&String> = alone.iter().filter(|name| name.starts_with("rayon")).collect();
+    assert!(found.is_empty(), "{RUNTIME} without features links {found:?}");
+    assert!(alone.contains("safetensors"), "the test looks at the whole tree");
+    // Everything else in that crate runs on the thread that calls it.
+    let spread = |file: &PathBuf| read(file).contains("rayon");
+    let files: Vec<PathBuf> = sources(&workspace().join("runtime/src"))
+        .into_iter()
+        .filter(spread)
+        .collect();
+    assert_eq!(files, [workspace().join("runtime/src/batch.rs")]);
+}
+
+#[test]
 fn unsafe_stands_only_in_the_files_of_instruction_sets() {
     let folder = workspace().join(UNSAFE_FOLDER);
     let mut inside = 0;
@@ -162,7 +181,12 @@ fn direct_dependencies() -> BTreeMap<String, BTreeSet<String>> {
 
 /// Names of all packages that `package` links with its default features.
 fn tree(package: &str) -> BTreeSet<String> {
-    let text = cargo(&[
+    tree_with(package, &[])
+}
+
+/// The same with the features that `options` choose.
+fn tree_with(package: &str, options: &[&str]) -> BTreeSet<String> {
+    let tree = [
         "tree",
         "--package",
         package,
@@ -172,7 +196,8 @@ fn tree(package: &str) -> BTreeSet<String> {
         "none",
         "--format",
         "{p}",
-    ]);
+    ];
+    let text = cargo(&[&tree[..], options].concat());
     text.lines()
         .filter_map(|line| line.split_whitespace().next())
         .map(String::from)

@@ -135,8 +135,11 @@ impl DiskSlice {
         Scale {
             peak,
             exposed: quantile(EXPOSED_SHARE).filter(|v| *v > 0.0).unwrap_or(peak),
-            // A black slice has no span, and NaN counts as one decade.
-            decades: quantile(DARK_SHARE).map_or(1.0, span).max(1.0).min(DECADES_MAX),
+            // A black slice has no span: 0/0.
+            decades: quantile(DARK_SHARE)
+                .map(span)
+                .filter(|d| *d >= 1.0)
+                .map_or(1.0, |d| d.min(DECADES_MAX)),
         }
     }
 }

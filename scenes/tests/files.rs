@@ -80,6 +80,142 @@ fn free_ranges_and_whole_numbers_load() {
 }
 
 #[test]
+fn the_wide_domains_load() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("materials");
+    for (name, family, free) in [
+        ("conductor", Family::Conductor, 5),
+        ("layered", Family::Layered, 9),
+        ("principled", Family::Principled, 6),
+    ] {
+        let path = folder.join(name).with_extension("toml");
+        let material = load_material(&path).unwrap();
+        assert_eq!((material.name.as_str(), material.family), (name, family));
+        assert_eq!(material.free().len(), free, "{name}");
+        assert!(material.middle().free().is_empty());
+        // The files explain every parameter that may be given.
+        let text = fs::read_to_string(path).unwrap();
+        for parameter in family.parameters() {
+            assert!(
+                text.contains(&format!("{} = ", parameter.name)),
+                "{name} hides {}",
+                parameter.name
+            );
+        }
+    }
+}
+
+/// A material file of its own, with everything that was found wrong with it.
+fn load_text(text: &str) -> Result<Material, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("sample.toml");
+    fs::write(&path, text).unwrap();
+    load_material(&path).map_err(|error| {
+        assert_names(&error.to_string(), "sample.toml", &[]);
+        error.to_string()
+    })
+}
+
+#[test]
+fn defaults_presets_and_files_load() {
+    let plastic = load_text("family = \"principled\"\nroughness = { min = 0.1, max = 1 }\n").unwrap();
+    assert_eq!(
+        plastic.get("specular"),
+        Some(&Setting::Numbers(vec![Scalar::Fixed(0.5)]))
+    );
+    assert_eq!(plastic.free(), [("roughness".to_string(), 0.1, 1.0)]);
+    let copper = load_text("family = \"conductor\"\nalpha = [0.1, 0.1]\nior = \"CU\"\n").unwrap();
+    let table = "family = \"conductor\"\nalpha = [0.1, 0.1]\nior.eta = [0.201005, 0.92375, 1.102215]\n\
+                 ior.k = [3.913262, 2.453045, 2.14209]\n";
+    assert_eq!(copper, load_text(table).unwrap());
+    // Files lie beside the material file; what else the table has, its own file knows.
+    let felt = "family = \"imported\"\nfile = \"slices/felt.safetensors\"\nwear = { min = 0, max = 0.5 }\n";
+    let felt = load_text(felt).unwrap();
+    let Some(Setting::File(file)) = felt.get("file") else {
+        panic!("{felt:?}");
+    };
+    assert!(
+        file.is_absolute() && file.ends_with("slices/felt.safetensors"),
+        "{}",
+        file.display()
+    );
+    assert_eq!(felt.free(), [("wear".to_string(), 0.0, 0.5)]);
+}
+
+#[test]
+fn mistakes_in_every_family_are_named() {
+    let coat = "family = \"layered\"\nalpha = 0.1\nsigma_t = 1\nalbedo = [1, 1, 1]\nbase = [0.5, 0.5, 0.5]\n";
+    assert!(load_text(coat).is_ok());
+    let metal = "family = \"conductor\"\nalpha = [0.1, 0.1]\n";
+    let plastic = "family = \"principled\"\n";
+    let cases: [(String, &[&str]); 18] = [
+        (
+            coat.replace("alpha = 0.1\n", ""),
+            &["`alpha`", "missing field", "a number in 0.001..1"],
+        ),
+        (
+            coat.replace("alpha = 0.1", "alpha = [0.1, 0.1]"),
+            &["`alpha`", "is [0.1, 0.1]", "a number or a range"],
+        ),
+        (
+            coat.replace("sigma_t", "sigma"),
+            &["`sigma`", "unknown field", "`sigma_t`"],
+        ),
+        (
+            coat.replace("sigma_t = 1", "sigma_t = 101"),
+            &["`sigma_t`", "is 101", "0..100"],
+        ),
+        (coat.replace("[1, 1, 1]", "1"), &["`albedo`", "is 1,", "length 3"]),
+        (
+            coat.replace("[1, 1, 1]", "[1, 1, 1.5]"),
+            &["`albedo[2]`", "is 1.5", "0..1"],
+        ),
+        (format!("{coat}g = 1\n"), &["`g`", "is 1,", "-0.99..0.99"]),
+        (
+            format!("{coat}eta = {{ min = 0.4, max = 2 }}\n"),
+            &["`eta`", "is 0.4", "0.5..4"],
+        ),
+        (
+            format!("{plastic}metallic = \"very\"\n"),
+            &["`metallic`", "\"very\"", "a number or a range"],
+        ),
+        (format!("{plastic}metallic = true\n"), &["`metallic`", "is true"]),
+        (
+            format!("{plastic}roughnes = 0.1\n"),
+            &["`roughnes`", "unknown field", "`roughness`"],
+        ),
+        (
+            format!("{plastic}metallic = {{ min = 1, max = 0 }}\n"),
+            &["`metallic`", "min 1 > max 0", "swap"],
+        ),
+        (metal.into(), &["`reflectance`", "missing field", "`ior`"]),
+        (
+            format!("{metal}ior = \"brass\"\n"),
+            &["`ior`", "\"brass\"", "gold (Au)"],
+        ),
+        (
+            format!("{metal}ior = \"gold\"\nreflectance = [1, 1, 1]\n"),
+            &["`reflectance`", "one of the two"],
+        ),
+        (
+            format!("{metal}ior = {{ min = 1, max = 2 }}\n"),
+            &["`ior.eta`", "missing field"],
+        ),
+        (
+            "family = \"imported\"\n".into(),
+            &["`file`", "missing field", "name of a file"],
+        ),
+        (
+            "family = \"imported\"\nfile = 3\n".into(),
+            &["`file`", "is 3", "name of a file"],
+        ),
+    ];
+    for (text, parts) in cases {
+        let error = load_text(&text).expect_err(&text);
+        assert_names(&error, "sample.toml", parts);
+    }
+}
+
+#[test]
 fn material_mistakes_are_named() {
     let alpha = "alpha = [0.3, 0.1]";
     let cases: [(&str, &str, &[&str]); 13] = [

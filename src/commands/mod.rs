@@ -104,7 +104,8 @@ pub fn find_subject(name: &str) -> Result<Subject> {
         return Ok(Subject::Family(family));
     }
     if Path::new(name).is_dir() {
-        return Ok(Subject::Baked(Baked::new(load_model(Path::new(name))?)?));
+        let networks = load_model(Path::new(name))?;
+        return Ok(Subject::Baked(Box::new(Baked::new(networks)?)));
     }
     match find_material(name)? {
         Some(material) => Ok(Subject::Material(material)),

@@ -120,18 +120,18 @@ fn ask(backend: &mut dyn Backend, row: &Row, seed: u64) -> Result<Answer> {
 fn albedo(backend: &mut dyn Backend, row: &Row, seed: u64) -> Result<Answer> {
     let each = row.samples.unwrap_or(DEFAULT_SAMPLES).div_ceil(REPLICATES) as usize;
     let wo = row.wo.to_array().map(|v| vec![v as f32; each]);
-    let mut u = [vec![0.0; each], vec![0.0; each]];
+    let (mut x, mut y) = (vec![0.0; each], vec![0.0; each]);
     let mut wi: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; each]);
     let mut weight = wi.clone();
     let mut replicates = Moments::default();
     for replicate in 0..REPLICATES {
         let shift = Rng::new(&[ALBEDO_KEY, seed, replicate]).pair();
-        for i in 0..each {
-            [u[0][i], u[1][i]] = narrow(shifted_r2(i as u64, shift));
+        for (i, (a, b)) in x.iter_mut().zip(&mut y).enumerate() {
+            [*a, *b] = narrow(shifted_r2(i as u64, shift));
         }
         backend.sample_learned(
             wo.each_ref().map(|c| c.as_slice()),
-            u.each_ref().map(|c| c.as_slice()),
+            [&x, &y],
             wi.each_mut().map(|c| c.as_mut_slice()),
             weight.each_mut().map(|c| c.as_mut_slice()),
         )?;

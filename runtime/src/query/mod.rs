@@ -33,7 +33,7 @@ pub enum Subject {
     /// A material's reference model; rows give what the material leaves free.
     Material(Material),
     /// Baked networks; rows need no parameters.
-    Baked(Baked),
+    Baked(Box<Baked>),
 }
 
 /// The answer to one row. In JSON an object with these keys.

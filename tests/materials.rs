@@ -1,0 +1,175 @@
+//! `bake material` through the real program, and materials of every family that cannot be baked yet.
+
+#[path = "support/complaint.rs"]
+mod complaint;
+#[path = "support/program.rs"]
+mod program;
+
+use complaint::complains;
+use program::{MATERIAL_FILE, SCENE, Studio, finish};
+use serde_json::Value;
+use std::time::Duration;
+
+/// Small pictures of few walks are a matter of a second; the rest is for a busy machine.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Standard errors allowed between two albedos: 30 comparisons exceed 4.5 by chance once in 5000 runs.
+const SIGMAS: f64 = 4.5;
+
+/// Options of pictures that are made at once.
+const SMALL: [&str; 4] = ["--size", "16", "--samples", "64"];
+
+fn show(studio: &Studio, arguments: &[&str]) -> (String, String) {
+    let mut command = studio.bake(&[&["material"], arguments, &SMALL].concat());
+    let output = finish(command.spawn().expect("the program starts"), PATIENCE);
+    let errors = String::from_utf8(output.stderr).expect("messages are UTF-8");
+    assert!(output.status.success(), "{arguments:?}: {errors}");
+    (
+        String::from_utf8(output.stdout).expect("reports are UTF-8"),
+        errors,
+    )
+}
+
+fn report(studio: &Studio, arguments: &[&str]) -> Value {
+    let (printed, _) = show(studio, &[arguments, &["--json"]].concat());
+    serde_json::from_str(&printed).unwrap_or_else(|e| panic!("{printed}: {e}"))
+}
+
+#[test]
+fn a_material_is_described_and_drawn() {
+    let studio = Studio::new();
+    let (printed, errors) = show(&studio, &["vase", "--theta", "0,62.5", "--phi", "-30"]);
+    for part in [
+        "vase (conductor)",
+        "[0.3,0.1]",
+        "[1.0,0.782,0.344]",
+        "62.5°",
+        "89°",
+        "1.00000",
+        "slices.png",
+    ] {
+        assert!(printed.contains(part), "`{part}` is not in: {printed}");
+    }
+    assert!(!errors.contains("warning"), "{errors}");
+    let files = [
+        "slice-theta-0-phi--30.exr",
+        "slice-theta-62.5-phi--30.exr",
+        "slices.png",
+    ];
+    let folder = studio.path("out/materials/vase");
+    let mut found: Vec<String> = std::fs::read_dir(&folder)
+        .expect("the folder is there")
+        .map(|entry| {
+            entry
+                .expect("it can be read")
+                .file_name()
+                .to_string_lossy()
+                .into_owned()
+        })
+        .collect();
+    found.sort();
+    assert_eq!(found, files);
+}
+
+#[test]
+fn families_take_values_from_the_command_line() {
+    let studio = Studio::new();
+    let from = |set: &[&str]| {
+        let sets: Vec<&str> = set.iter().flat_map(|s| ["--set", s]).collect();
+        report(&studio, &[&["conductor", "--theta", "45"], &sets[..]].concat())
+    };
+    let gold = from(&["alpha=[0.3, 0.1]", "reflectance=[1,0.782,0.344]"]);
+    let vase = report(&studio, &["vase", "--theta", "45"]);
+    for key in ["albedo", "samples"] {
+        assert_eq!(gold[key], vase[key], "{key}");
+    }
+    let preset = from(&["alpha=[0.3,0.1]", "ior=Gold"]);
+    assert_eq!(preset["material"]["ior"]["eta"][2], 1.442045);
+    // A white surface keeps all light at every angle.
+    let white = from(&["alpha=[0.3,0.1]", "reflectance=[1,1,1]"]);
+    for row in white["albedo"].as_array().expect("a list") {
+        for c in 0..3 {
+            let [albedo, se] = ["albedo", "se"].map(|key| row[key][c].as_f64().expect("a number"));
+            assert!((albedo - 1.0).abs() <= SIGMAS * se + f64::EPSILON, "{row}");
+        }
+    }
+}
+
+#[test]
+fn what_is_free_is_shown_at_the_middle_of_its_range() {
+    let studio = Studio::new();
+    let text = "family = \"conductor\"\nalpha = [{ min = 0.2, max = 0.4 }, 0.1]\nior = \"Cu\"\n";
+    std::fs::write(studio.path("scenes/materials/brushed.toml"), text).expect("it can be written");
+    let shown = report(&studio, &["brushed", "--theta", "45", "--out", "pictures"]);
+    let middle = shown["material"]["alpha"][0].as_f64().expect("a number");
+    assert!((middle - 0.3).abs() <= f64::EPSILON, "{shown}");
+    assert_eq!(shown["free"], serde_json::json!([["alpha[0]", 0.2, 0.4]]));
+    assert!(studio.path("pictures/slices.png").is_file());
+    let set = report(&studio, &["brushed", "--theta", "45", "--set", "alpha=[1,1]"]);
+    assert_eq!(set["material"]["alpha"], serde_json::json!([1.0, 1.0]));
+    assert_eq!(set["free"], serde_json::json!([]));
+}
+
+#[test]
+fn bad_requests_are_named() {
+    let studio = Studio::new();
+    let cases: [(&[&str], &[&str]); 7] = [
+        (&["brass"], &["brass", "there is no such material", "`conductor`"]),
+        (&["brass.toml"], &["brass.toml"]),
+        (
+            &["conductor"],
+            &["`alpha`", "missing field", "2 numbers in 0.0001..1"],
+        ),
+        (
+            &["vase", "--set", "alpha=[2,0.1]"],
+            &["`alpha[0]`", "is 2", "must lie in 0.0001..1"],
+        ),
+        (
+            &["vase", "--set", "metallic=1"],
+            &["`metallic`", "unknown field", "`alpha`"],
+        ),
+        (&["vase", "--set", "ior=brass"], &["`ior`", "brass", "gold (Au)"]),
+        (
+            &["vase", "--set", "alpha=0.1"],
+            &["`alpha`", "is 0.1", "length 2"],
+        ),
+    ];
+    for (arguments, parts) in cases {
+        complains(&studio, &[&["material"], arguments].concat(), parts);
+    }
+    std::fs::write(studio.path("out"), "a file").expect("it can be written");
+    complains(
+        &studio,
+        &["material", "vase"],
+        &["out/materials/vase", "cannot write there"],
+    );
+}
+
+/// Every family has files; only conductors can be baked so far, and that is said before any work.
+#[test]
+fn only_conductors_are_baked() {
+    for (text, family) in [
+        ("family = \"principled\"\nmetallic = 1.0\n", "\"principled\""),
+        (
+            "family = \"layered\"\nalpha = 0.1\nsigma_t = 1\nalbedo = [1, 1, 1]\nbase = [0.5, 0.5, 0.5]\n",
+            "\"layered\"",
+        ),
+        (
+            "family = \"imported\"\nfile = \"felt.safetensors\"\n",
+            "\"imported\"",
+        ),
+    ] {
+        let studio = Studio::new();
+        std::fs::write(studio.path(MATERIAL_FILE), text).expect("it can be written");
+        complains(
+            &studio,
+            &["scene", SCENE],
+            &[
+                "materials/vase.toml",
+                "`family`",
+                family,
+                "only materials of the family `conductor`",
+            ],
+        );
+    }
+}
