@@ -1,5 +1,6 @@
 //! What the command line takes.
 
+use bake_runtime::Family;
 use bake_runtime::field::Field;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::num::NonZeroUsize;
@@ -68,6 +69,10 @@ pub enum Command {
     /// bake material conductor --set alpha=[0.3,0.1] --set ior=gold
     #[command(after_long_help = crate::help::families())]
     Material(MaterialOptions),
+    /// Measure what a reference model costs: ns per sample and eval, seconds per slice, beside their noise.
+    ///
+    /// One thread; a table over roughness and θ_o, of the family and of the baselines beside it.
+    Bench(BenchOptions),
 }
 
 /// Options of `bake scene`.
@@ -253,4 +258,21 @@ pub enum BackendName {
     Native,
     /// onnxruntime on the exported ONNX files.
     Ort,
+}
+
+/// Options of `bake bench`.
+#[derive(Debug, Args)]
+pub struct BenchOptions {
+    /// The family: conductor, layered or principled.
+    #[arg(long, value_parser = measured_family)]
+    pub family: Family,
+    /// Print the rows as one JSON list on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn measured_family(name: &str) -> Result<Family, String> {
+    Family::find(name)
+        .filter(|family| *family != Family::Imported)
+        .ok_or_else(|| "give `conductor`, `layered` or `principled`".into())
 }

@@ -74,5 +74,6 @@ fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Query(options) => commands::query::run(&options),
         Command::Material(options) => commands::material::run(&options),
         Command::Render(options) => commands::render::run(&options),
+        Command::Bench(options) => commands::bench::run(&options),
     }
 }

@@ -1,5 +1,6 @@
 //! One file per subcommand, and what they share.
 
+pub mod bench;
 pub mod check;
 pub mod converged;
 pub mod export;

@@ -5,11 +5,12 @@
 use crate::Tick;
 use crate::error::{Error, Result};
 use crate::slice::LUMINANCE;
-use bake_runtime::bsdf::shifted_r2;
+use bake_runtime::bsdf::{direction, shifted_r2};
 use bake_runtime::concentric::square_to_hemisphere;
 use bake_runtime::conductor::{CompensatedConductor, Conductor};
 use bake_runtime::family::Family;
 use bake_runtime::layered::Layered;
+use bake_runtime::principled::{Principled, PrincipledParameters};
 use bake_runtime::{Bsdf, Rng};
 use glam::DVec3;
 use serde::Serialize;
@@ -23,6 +24,8 @@ const BATCH: usize = 4096;
 const ROUNDS: usize = 15;
 /// Polar angles of `wo`, degrees.
 pub const THETAS: [f64; 4] = [0.0, 30.0, 60.0, 85.0];
+/// Azimuth of `wo`, degrees: off the axes.
+const PHI: f64 = 30.0;
 /// Directions, and evaluations at each, behind the spread of `eval`.
 const SPREAD_DIRECTIONS: usize = 256;
 const SPREAD_EVALS: u64 = 64;
@@ -82,7 +85,7 @@ pub fn rows(family: Family, tick: Tick) -> Result<Vec<Row>> {
     let cases = cases(family)?;
     let places: Vec<(&Case, DVec3, f64)> = cases
         .iter()
-        .flat_map(|case| THETAS.map(|theta| (case, direction(theta), theta)))
+        .flat_map(|case| THETAS.map(|theta| (case, direction(theta, PHI), theta)))
         .collect();
     let total = (ROUNDS + 1) as u64 * places.len() as u64;
     let mut done = 0;
@@ -125,7 +128,7 @@ pub fn rows(family: Family, tick: Tick) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// The models of `family`: smooth to rough, gold or a varnish.
+/// The models of `family`, smooth to rough: gold, a varnish, a coated plastic with some metal.
 fn cases(family: Family) -> Result<Vec<Case>> {
     /// Schlick reflectance of gold.
     const GOLD: [f64; 3] = [1.0, 0.782, 0.344];
@@ -163,20 +166,32 @@ fn cases(family: Family) -> Result<Vec<Case>> {
                 });
             }
         }
-        other => {
+        Family::Principled => {
+            for alpha in [0.01_f64, 0.1, 0.3, 1.0] {
+                cases.push(Case {
+                    model: "principled",
+                    alpha: [alpha; 2],
+                    bsdf: Box::new(Principled::new(PrincipledParameters {
+                        base_color: DVec3::new(0.8, 0.4, 0.1),
+                        roughness: alpha.sqrt(),
+                        metallic: 0.3,
+                        sheen: 0.3,
+                        clearcoat: 0.5,
+                        clearcoat_gloss: 0.5,
+                        ..PrincipledParameters::default()
+                    })?),
+                });
+            }
+        }
+        Family::Imported => {
             return Err(bake_runtime::Error::parameter(
                 "family",
-                format!("`{}` has no settings of its own to measure", other.name()),
+                "`imported` has no settings of its own to measure; give another family",
             )
             .into());
         }
     }
     Ok(cases)
-}
-
-/// `wo` at polar angle `theta_deg`, off the axes.
-fn direction(theta_deg: f64) -> DVec3 {
-    crate::card::heldout::direction(theta_deg, 30.0)
 }
 
 /// Nanoseconds per `sample`, `propose` with `pdf`, and `eval`.
