@@ -1,6 +1,6 @@
 //! Samples of the shipped baked maps, binned, match the reference; a damaged map does not.
 
-use bake_runtime::bsdf::shifted_r2;
+use bake_runtime::bsdf::{direction, shifted_r2};
 use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::{Backend, BakedMaterial};
 use bake_train::card::bins::{SIDE, l1};
@@ -93,7 +93,7 @@ fn a_damaged_map_fails() {
     // Tighter than the limit on the mean: what the worst held-out direction scores, and the subset's slack.
     let limit = SUBSET_FACTOR * card(&folder).errors["theta_0_75"].binning_l1.worst;
     assert!(limit <= BINNING_LIMIT);
-    let wo = heldout::direction(40.0, 30.0);
+    let wo = direction(40.0, 30.0);
     let (sound, _) = binning_l1(&material, wo);
     let last = material.sample.net.last_mut().expect("layers");
     let width = last.inputs;

@@ -310,7 +310,7 @@ fn a_conversation_gets_every_answer_at_once() {
         assert!(answer.contains(&format!(r#""wo": [{theta}, 0]"#)), "{answer}");
     }
     // The last line needs no end.
-    write!(stdin, "\n{}", r#"{"wo": [1, 0], "albedo": true}"#).expect("it listens");
+    write!(stdin, "\n{{\"wo\": [1, 0], \"albedo\": true}}").expect("it listens");
     drop(stdin);
     assert!(
         receiver
