@@ -9,7 +9,7 @@
 //! so that directions next to the horizon and next to ±z keep their relative precision.
 
 use crate::bsdf::usable;
-use crate::random::Rng;
+use crate::random::Uniforms;
 use crate::real::consts::{FRAC_1_PI, TAU};
 use crate::real::{Real, Vec3};
 
@@ -91,7 +91,7 @@ impl Stretched {
     ///
     /// The chance to pass from C1 to C1' is (C1/C1')^Λ, where Λ ≤ −1 for a direction that points down.
     #[inline]
-    pub fn fly(&self, log_c: Real, rng: &mut Rng) -> Real {
+    pub fn fly(&self, log_c: Real, rng: &mut impl Uniforms) -> Real {
         let flight = (-(1.0 - rng.uniform()).ln()).max(FLIGHT_MIN);
         let z = self.direction.z;
         let inverse_lambda = if z > 0.0 {
@@ -190,6 +190,7 @@ pub fn mirror_pdf(wo: Vec3, wi: Vec3, alpha: [Real; 2]) -> Real {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Rng;
 
     /// Round-off of a handful of operations, none of which cancels.
     const ROUND_OFF: Real = 1e-12;

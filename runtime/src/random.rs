@@ -14,6 +14,17 @@ pub struct Rng {
     state: u64,
 }
 
+/// Where uniform numbers come from: a stream, or a few chosen ones before it.
+pub trait Uniforms {
+    /// Uniform in `[0, 1)`.
+    fn uniform(&mut self) -> Real;
+
+    /// Two uniforms in `[0, 1)²`.
+    fn pair(&mut self) -> [Real; 2] {
+        [self.uniform(), self.uniform()]
+    }
+}
+
 /// SplitMix64's finaliser: a bijection of 64 bits with full avalanche.
 fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -45,6 +56,61 @@ impl Rng {
     /// Two uniforms in `[0, 1)²`.
     pub fn pair(&mut self) -> [Real; 2] {
         [self.uniform(), self.uniform()]
+    }
+}
+
+impl Uniforms for Rng {
+    fn uniform(&mut self) -> Real {
+        Rng::uniform(self)
+    }
+}
+
+/// A few chosen numbers, then a stream.
+#[derive(Clone, Debug)]
+pub struct Prefixed<const N: usize> {
+    chosen: [Real; N],
+    used: usize,
+    rest: Rng,
+}
+
+impl<const N: usize> Prefixed<N> {
+    /// `chosen` in `[0, 1)`, then `rest`.
+    pub fn new(chosen: [Real; N], rest: Rng) -> Self {
+        Prefixed {
+            chosen,
+            used: 0,
+            rest,
+        }
+    }
+}
+
+/// The numbers of `count` walks, keyed by `key` and `seed`: a pair for the first interaction and `N` numbers for what
+/// follows are Owen-scrambled Sobol points (Burley 2020, *Practical Hash-based Owen Scrambling*), the rest is random.
+///
+/// Walks in this order are stratified, and each is uniform over all seeds.
+pub fn stratified<const N: usize>(
+    key: u64,
+    seed: u64,
+    count: usize,
+) -> impl Iterator<Item = ([Real; 2], Prefixed<N>)> {
+    (0..count as u64).map(move |i| {
+        // The library's sequence ends after 2¹⁶ points; the next one is scrambled anew.
+        let scramble = (Rng::new(&[key, seed, i >> 16]).bits() >> 32) as u32;
+        let at = |dimension| Real::from(sobol_burley::sample(i as u32 & 0xffff, dimension, scramble));
+        let chosen = std::array::from_fn(|k| at(k as u32 + 2));
+        ([at(0), at(1)], Prefixed::new(chosen, Rng::new(&[key, seed, i])))
+    })
+}
+
+impl<const N: usize> Uniforms for Prefixed<N> {
+    fn uniform(&mut self) -> Real {
+        match self.chosen.get(self.used) {
+            Some(&number) => {
+                self.used += 1;
+                number
+            }
+            None => self.rest.uniform(),
+        }
     }
 }
 

@@ -12,7 +12,7 @@ use super::scattering::Scattering;
 use super::walk::Event;
 use crate::bsdf::usable;
 use crate::microfacet::{HalfVector, Stretched};
-use crate::random::Rng;
+use crate::random::{Rng, Uniforms};
 use crate::real::{Real, Vec3};
 
 /// One end of the light's way.
@@ -54,7 +54,14 @@ impl Conductor {
 
     /// What one walk from `from` finds, its first normal steered by `u` in `[0,1)²`, each sequence of directions times
     /// its share against `others` walks from `to` for every walk from `from`.
-    pub(super) fn one_ended(&self, from: &End, to: &End, others: Real, u: [Real; 2], rng: &mut Rng) -> Vec3 {
+    pub(super) fn one_ended(
+        &self,
+        from: &End,
+        to: &End,
+        others: Real,
+        u: [Real; 2],
+        rng: &mut impl Uniforms,
+    ) -> Vec3 {
         let mut sum = Vec3::ZERO;
         self.scatterings(from, u, rng, |scattering| {
             sum += self.connect_to(&scattering, to, others)
@@ -67,7 +74,7 @@ impl Conductor {
         &self,
         from: &End,
         u: [Real; 2],
-        rng: &mut Rng,
+        rng: &mut impl Uniforms,
         mut tell: impl FnMut(Scattering),
     ) {
         let mut first = None;

@@ -9,8 +9,8 @@
 use super::Conductor;
 use super::eval::{End, reversal};
 use super::scattering::Scattering;
-use crate::bsdf::{Slice, shifted_r2, usable};
-use crate::random::Rng;
+use crate::bsdf::{Slice, usable};
+use crate::random::{Prefixed, stratified};
 use crate::real::{Real, Vec3};
 
 /// Key of the walks. It does not depend on `wo`, so that the noise of slices varies smoothly with it, too.
@@ -21,6 +21,9 @@ const BACK_KEY: u64 = 0x51_bac;
 /// Walks from each direction to the light, unless fewer are shared: they cost as much as some hundred connections.
 const BACK_WALKS: usize = 16;
 
+/// Stratified numbers of a walk after the first normal: the flights before and after it, and the second normal.
+const CHOSEN: usize = 4;
+
 /// The scatterings of many walks from one `wo`.
 #[derive(Clone, Debug)]
 pub struct ConductorSlice<'a> {
@@ -28,17 +31,18 @@ pub struct ConductorSlice<'a> {
     wo: Vec3,
     scatterings: Vec<Scattering>,
     walks: usize,
-    seed: u64,
+    /// Numbers of the walks from each direction to the light.
+    back: Vec<([Real; 2], Prefixed<CHOSEN>)>,
 }
 
 impl<'a> ConductorSlice<'a> {
-    /// Walks `walks` times from `wo`, keyed by `seed`; the first bounces are stratified by an R2 sequence.
+    /// Walks `walks` times from `wo`, keyed by `seed`; the first two bounces are stratified by Sobol points.
     pub fn new(conductor: &'a Conductor, wo: Vec3, walks: usize, seed: u64) -> ConductorSlice<'a> {
         let mut scatterings = Vec::new();
         if usable(wo) {
             let from = End::new(wo, conductor.alpha);
-            for (u, mut rng) in numbers(WALK_KEY, seed, walks) {
-                conductor.scatterings(&from, u, &mut rng, |scattering| scatterings.push(scattering));
+            for (u, mut rest) in stratified::<CHOSEN>(WALK_KEY, seed, walks) {
+                conductor.scatterings(&from, u, &mut rest, |scattering| scatterings.push(scattering));
             }
         }
         ConductorSlice {
@@ -46,7 +50,7 @@ impl<'a> ConductorSlice<'a> {
             wo,
             scatterings,
             walks,
-            seed,
+            back: stratified(BACK_KEY, seed, BACK_WALKS.min(walks)).collect(),
         }
     }
 
@@ -57,24 +61,19 @@ impl<'a> ConductorSlice<'a> {
         }
         let alpha = self.conductor.alpha;
         let (from, to) = (End::new(self.wo, alpha), End::new(wi, alpha));
-        let back_walks = BACK_WALKS.min(self.walks);
-        let (shared, back) = (self.walks as Real, back_walks as Real);
+        let (shared, back) = (self.walks as Real, self.back.len() as Real);
         let mut forward = Vec3::ZERO;
         for scattering in &self.scatterings {
             forward += self.conductor.connect_to(scattering, &to, back / shared);
         }
         let mut backward = Vec3::ZERO;
-        for (u, mut rng) in numbers(BACK_KEY, self.seed, back_walks) {
-            backward += self.conductor.one_ended(&to, &from, shared / back, u, &mut rng);
+        for (u, rest) in &self.back {
+            backward += self
+                .conductor
+                .one_ended(&to, &from, shared / back, *u, &mut rest.clone());
         }
         forward / shared + backward * (reversal(self.wo, wi) / back)
     }
-}
-
-/// Pairs of an R2 sequence with a stream each, keyed by `key` and `seed`.
-fn numbers(key: u64, seed: u64, count: usize) -> impl Iterator<Item = ([Real; 2], Rng)> {
-    let shift = Rng::new(&[key, seed]).pair();
-    (0..count as u64).map(move |i| (shifted_r2(i, shift), Rng::new(&[key, seed, i])))
 }
 
 impl Slice for ConductorSlice<'_> {

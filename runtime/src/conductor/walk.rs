@@ -6,7 +6,7 @@
 use super::Conductor;
 use crate::bsdf::{BsdfSample, usable};
 use crate::microfacet::{HalfVector, Stretched};
-use crate::random::Rng;
+use crate::random::{Rng, Uniforms};
 use crate::real::{Real, Vec3};
 
 /// First order of scattering that plays Russian roulette: most light has left by then.
@@ -69,7 +69,7 @@ impl Conductor {
         &self,
         wo: Vec3,
         u: [Real; 2],
-        rng: &mut Rng,
+        rng: &mut impl Uniforms,
         mut tell: impl FnMut(Event),
     ) -> Option<BsdfSample> {
         if !usable(wo) {

@@ -16,29 +16,17 @@ use crate::random::Rng;
 use crate::real::consts::FRAC_1_PI;
 use crate::real::{Real, Vec3};
 
-/// Which walks tell of a path.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Ends {
-    /// Walks from both ends: each takes its share of the balance heuristic.
-    Both,
-    /// Walks from the first end alone.
-    One,
-}
-
-impl Ends {
-    /// Share of the walk from the first end in a path whose first vertex drew its direction with density `first`,
-    /// and whose last would draw its own, backwards, with density `last`, sr⁻¹.
-    ///
-    /// Veach and Guibas 1995, *Optimally Combining Sampling Techniques*: what lies between is drawn by both. A path
-    /// with one vertex is drawn by neither and counts half from each end.
-    #[inline]
-    fn share(self, first: Option<Real>, last: Real) -> Real {
-        match (self, first) {
-            (Ends::One, _) => 1.0,
-            (Ends::Both, None) => 0.5,
-            (Ends::Both, Some(first)) if first + last > 0.0 => first / (first + last),
-            (Ends::Both, Some(_)) => 0.0,
-        }
+/// Share of a walk in a path whose first vertex drew its direction with density `first`, and whose last would draw its
+/// own, backwards, with density `last`, sr⁻¹, where `others` walks from the other end are taken for each from this.
+///
+/// Veach and Guibas 1995, *Optimally Combining Sampling Techniques*: what lies between is drawn by both. A path with one
+/// vertex is drawn by neither, and is shared out by the numbers of walks alone.
+#[inline]
+pub(super) fn share(first: Option<Real>, last: Real, others: Real) -> Real {
+    match first {
+        None => 1.0 / (1.0 + others),
+        Some(first) if first + others * last > 0.0 => first / (first + others * last),
+        Some(_) => 0.0,
     }
 }
 
@@ -54,9 +42,8 @@ impl Layered {
             return Vec3::ZERO;
         };
         let dye = self.dye();
-        let start = |end: &Scattered| Segment::start(end.direction, Vec3::ONE);
-        let forth = self.connections(start(&o), &Exit::new(self, &i), &dye, Ends::Both, rng);
-        let back = self.connections(start(&i), &Exit::new(self, &o), &dye, Ends::Both, rng);
+        let forth = self.connections(&o, &i, &dye, Some(1.0), rng);
+        let back = self.connections(&i, &o, &dye, Some(1.0), rng);
         (forth + back) * (o.share * o.masking * i.share * i.masking * self.exit_scale(wi))
     }
 
@@ -79,8 +66,7 @@ impl Layered {
         } else {
             interface.masking(wi)
         };
-        let start = Segment::start(o.direction, Vec3::ONE);
-        let forth = self.connections(start, &Exit::new(self, &i), &Dye::WHITE, Ends::One, rng);
+        let forth = self.connections(&o, &i, &Dye::WHITE, None, rng);
         mirrored + forth.x * (o.share * i.share * i.masking / seen * self.exit_scale(wi))
     }
 
@@ -100,24 +86,30 @@ impl Layered {
         wi.z / (self.eta * self.eta)
     }
 
-    /// Radiance along `exit` just below the interface, per flux along `start`: the sum over the segments of one walk
-    /// of what scatters from each to `exit`, RGB, sr⁻¹.
-    fn connections(&self, start: Segment, exit: &Exit, dye: &Dye, ends: Ends, rng: &mut Rng) -> Vec3 {
-        let masked = ends == Ends::Both;
+    /// Radiance on the way out to `to`, just below the interface, per flux that entered at `from`, RGB, sr⁻¹: the sum
+    /// over the segments of one walk of what scatters from each, times its [`share`] against `others` walks the other
+    /// way.
+    ///
+    /// Without `others` the walk stands alone, and its throughput leaves out masking, as its own density does: masking
+    /// is not the same in both directions, so such walks cannot be shared.
+    pub(super) fn connections(
+        &self,
+        from: &Scattered,
+        to: &Scattered,
+        dye: &Dye,
+        others: Option<Real>,
+        rng: &mut Rng,
+    ) -> Vec3 {
+        let exit = Exit::new(self, to);
+        let start = Segment::start(from.direction, Vec3::ONE);
         let mut sum = Vec3::ZERO;
-        self.walk_inside(start, dye, masked, rng, |segment| {
+        self.walk_inside(start, dye, others.is_some(), rng, |segment| {
             let link = Link::new(self, segment);
-            let (scattered, based) = (link.scattered(self, exit), link.based() * exit.base_way());
-            let share = |last| ends.share(segment.first, last);
-            let mut part = Vec3::ZERO;
-            if scattered > 0.0 {
-                let phase = henyey_greenstein(segment.direction, exit.direction, self.g);
-                part += dye.albedo * (scattered * phase * share(phase));
-            }
-            if based > 0.0 {
-                part += dye.base * (based * share(segment.direction.z.abs() * FRAC_1_PI));
-            }
-            sum += segment.throughput * part;
+            let phase = henyey_greenstein(segment.direction, exit.direction, self.g);
+            let share = |last| share(segment.first, last, others.unwrap_or(0.0));
+            let scattered = link.scattered(self, &exit) * phase * share(phase);
+            let based = link.based() * exit.base_way() * share(segment.direction.z.abs() * FRAC_1_PI);
+            sum += segment.throughput * (dye.albedo * scattered + dye.base * based);
         });
         sum
     }

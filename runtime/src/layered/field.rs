@@ -5,16 +5,20 @@
 //! leaves out is round-off: see [`NODES`]. Otherwise the segments themselves are kept, and each serves one facet.
 
 use super::Layered;
+use super::eval::share;
 use super::link::{Exit, Link};
 use super::phase::henyey_greenstein;
 use super::walk::{COS_MIN, Segment};
-use crate::bsdf::{shifted_r2, usable};
-use crate::random::Rng;
-use crate::real::consts::PI;
+use crate::bsdf::usable;
+use crate::random::stratified;
+use crate::real::consts::{FRAC_1_PI, PI};
 use crate::real::{Real, Vec3};
 
 /// Key of the walks. It does not depend on `wo`, so that the noise of slices varies smoothly with it, too.
 const WALK_KEY: u64 = 0x1a7e_51ce;
+
+/// Stratified numbers of a walk after the facet where it enters: the first two flights, and the direction after each.
+const CHOSEN: usize = 6;
 
 /// Panels of slopes, each this many times as wide as the next.
 const PANEL_RATIO: Real = 8.0;
@@ -49,11 +53,13 @@ pub(super) struct Connector {
     /// Throughput times the albedo of the medium, and times the reflectance of the base, RGB, over the walks.
     medium: Vec3,
     base: Vec3,
+    /// As in [`Segment`].
+    first: Option<Real>,
 }
 
 impl Field {
-    /// What `walks` walks from `wo` tell, keyed by `seed`; the facets through which they enter are stratified by an R2
-    /// sequence.
+    /// What `walks` walks from `wo` tell, keyed by `seed`; the facets through which they enter and their first
+    /// vertices are stratified by Sobol points.
     pub fn new(layered: &Layered, wo: Vec3, walks: usize, seed: u64) -> Field {
         if layered.g != 0.0 {
             let mut connectors = Vec::new();
@@ -79,8 +85,10 @@ impl Field {
     }
 
     /// A share 1/`of` of the radiance along `exit`, RGB: the `part`-th, so that all together are unbiased.
+    ///
+    /// Where segments are kept, each counts with its [`share`] against `others` walks the other way for each of these.
     #[inline]
-    pub fn part(&self, layered: &Layered, exit: &Exit, part: usize, of: usize) -> Vec3 {
+    pub fn part(&self, layered: &Layered, exit: &Exit, part: usize, of: usize, others: Real) -> Vec3 {
         match self {
             Field::Isotropic { medium, base } => {
                 let (panel, x) = panel_of(exit.slope());
@@ -92,8 +100,10 @@ impl Field {
                 .iter()
                 .map(|c| {
                     let phase = henyey_greenstein(c.direction, exit.direction, layered.g);
-                    c.medium * (c.link.scattered(layered, exit) * phase)
-                        + c.base * (c.link.based() * exit.base_way())
+                    let share = |last| share(c.first, last, others);
+                    let scattered = c.link.scattered(layered, exit) * phase * share(phase);
+                    let based = c.link.based() * exit.base_way() * share(c.direction.z.abs() * FRAC_1_PI);
+                    c.medium * scattered + c.base * based
                 })
                 .sum(),
         }
@@ -105,21 +115,20 @@ fn connect_walks(layered: &Layered, wo: Vec3, walks: usize, seed: u64, mut tell:
     if !usable(wo) {
         return;
     }
-    let shift = Rng::new(&[WALK_KEY, seed]).pair();
     let dye = layered.dye();
-    for i in 0..walks as u64 {
-        let mut rng = Rng::new(&[WALK_KEY, seed, i]);
-        let Some(entered) = layered.enter(wo, shifted_r2(i, shift)) else {
+    for (u, mut rest) in stratified::<CHOSEN>(WALK_KEY, seed, walks) {
+        let Some(entered) = layered.enter(wo, u) else {
             continue;
         };
         let throughput = entered.share * entered.masking / walks as Real;
         let start = Segment::start(entered.direction, Vec3::ONE);
-        layered.walk_inside(start, &dye, true, &mut rng, |segment| {
+        layered.walk_inside(start, &dye, true, &mut rest, |segment| {
             tell(Connector {
                 link: Link::new(layered, segment),
                 direction: segment.direction,
                 medium: segment.throughput * dye.albedo * throughput,
                 base: segment.throughput * dye.base * throughput,
+                first: segment.first,
             });
         });
     }
@@ -196,7 +205,7 @@ mod tests {
             for k in 0..400 {
                 let slope = COS_MIN.powf(k as Real / 399.0);
                 let exit = Exit::at_slope(&layered, slope);
-                let [a, b] = [&series, &sum].map(|field| field.part(&layered, &exit, 0, 1));
+                let [a, b] = [&series, &sum].map(|field| field.part(&layered, &exit, 0, 1, 0.0));
                 let error = (a - b).abs().max_element() / b.max_element();
                 assert!(error < SERIES_TOL, "{error} at slope {slope}, sigma_t {sigma_t}");
             }

@@ -6,7 +6,7 @@
 use super::Layered;
 use super::phase::{henyey_greenstein, sample_henyey_greenstein};
 use crate::concentric::square_to_hemisphere;
-use crate::random::Rng;
+use crate::random::Uniforms;
 use crate::real::consts::FRAC_1_PI;
 use crate::real::{Real, Vec3};
 
@@ -73,7 +73,7 @@ impl Roulette {
 
     /// The throughput to go on with; `None` where the walk ends.
     #[inline]
-    pub fn play(&self, throughput: Vec3, rng: &mut Rng) -> Option<Vec3> {
+    pub fn play(&self, throughput: Vec3, rng: &mut impl Uniforms) -> Option<Vec3> {
         let survival = throughput.max_element();
         if survival <= 0.0 {
             return None;
@@ -119,7 +119,7 @@ impl Dye {
 impl Layered {
     /// Follows `segment` to what it meets.
     #[inline]
-    pub(super) fn follow(&self, segment: &Segment, dye: &Dye, rng: &mut Rng) -> Met {
+    pub(super) fn follow(&self, segment: &Segment, dye: &Dye, rng: &mut impl Uniforms) -> Met {
         let step = -(1.0 - rng.uniform()).ln() * slope(segment.direction);
         let up = segment.direction.z > 0.0;
         let depth = if up {
@@ -155,7 +155,7 @@ impl Layered {
         segment: Segment,
         dye: &Dye,
         masked: bool,
-        rng: &mut Rng,
+        rng: &mut impl Uniforms,
         mut tell: impl FnMut(&Segment),
     ) {
         let inside = self.interface().reversed();

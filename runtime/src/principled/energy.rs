@@ -170,7 +170,7 @@ mod tests {
             let albedo = LUMINANCE.dot(bsdf.albedo(wo, SAMPLES, 0).mean);
             let error = (estimate - albedo) / (albedo + FAINT);
             worst = worst.max(error.abs());
-            square += error * error / Real::from(SURFACES);
+            square += error * error / SURFACES as Real;
         }
         let found = [worst, square.sqrt()];
         assert!(

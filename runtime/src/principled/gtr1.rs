@@ -149,7 +149,7 @@ mod tests {
     fn azimuths_invert_their_distribution() {
         for tilt in [0.0, 1e-9, 0.3, 0.999, 1.0, 1.001, 2.0, 50.0] {
             for i in 0..1000 {
-                let u = Real::from(i) / 1000.0;
+                let u = i as Real / 1000.0;
                 let phi = visible_azimuth(tilt, u);
                 let error = distribution(tilt, phi) - u;
                 assert!(error.abs() < ROUND_OFF * (1.0 + tilt), "{error} at {tilt}, {u}");

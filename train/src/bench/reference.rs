@@ -33,7 +33,7 @@ const SPREAD_EVALS: u64 = 64;
 pub const SLICE_SIDE: usize = 128;
 /// Noise that a slice may have: see [`Row::slice_noise`].
 pub const SLICE_NOISE: f64 = 0.01;
-/// Walks of the first slice tried; they double until the noise is low enough.
+/// Walks of the first slice tried; they grow by half until the noise is low enough.
 const FIRST_WALKS: usize = 64;
 /// Walks at which the search gives up; the row then tells the noise reached.
 const LAST_WALKS: usize = 1 << 16;
@@ -45,7 +45,7 @@ const KEY: u64 = 0xbe9c;
 /// One model at one direction.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// The family, or the name of a baseline beside it.
+    /// The family, or the name of a baseline or a variant beside it.
     pub model: &'static str,
     /// Roughness along x and y.
     pub alpha: [f64; 2],
@@ -151,18 +151,18 @@ fn cases(family: Family) -> Result<Vec<Case>> {
             }
         }
         Family::Layered => {
-            for (alpha, sigma_t) in [(0.02, 0.8), (0.1, 0.8), (0.3, 0.8), (0.6, 5.0)] {
+            for (model, alpha, sigma_t, g) in [
+                ("layered", 0.02, 0.8, 0.0),
+                ("layered", 0.1, 0.8, 0.0),
+                ("layered", 0.3, 0.8, 0.0),
+                ("layered", 0.6, 5.0, 0.0),
+                ("layered g=.5", 0.1, 0.8, 0.5),
+            ] {
+                let (albedo, base) = ([0.9, 0.6, 0.3], [0.8, 0.5, 0.2]);
                 cases.push(Case {
-                    model: "layered",
+                    model,
                     alpha: [alpha; 2],
-                    bsdf: Box::new(Layered::new(
-                        alpha,
-                        1.5,
-                        sigma_t,
-                        [0.9, 0.6, 0.3],
-                        [0.8, 0.5, 0.2],
-                        0.0,
-                    )?),
+                    bsdf: Box::new(Layered::new(alpha, 1.5, sigma_t, albedo, base, g)?),
                 });
             }
         }
@@ -297,7 +297,7 @@ fn slice(bsdf: &dyn Bsdf, wo: DVec3) -> (f64, f64, usize) {
         if noise <= SLICE_NOISE || walks >= LAST_WALKS {
             return (median(&seconds), noise, walks);
         }
-        walks *= 2;
+        walks += walks / 2;
     }
 }
 
