@@ -2,10 +2,10 @@
 //! integral of `eval`.
 
 use crate::support::draws::assert_draws_follow_pdf;
+use crate::support::histogram::assert_samples_follow_eval;
 use crate::support::quadrature::{QUADRATURE_TOL, draw_normal};
-use crate::support::{Means, ROUND_OFF, assert_agree, direction};
+use crate::support::{Means, ROUND_OFF, assert_agree, direction, lobe_frame};
 use bake_runtime::conductor::{CompensatedConductor, Conductor};
-use bake_runtime::frame::{Frame, mirror_anchor};
 use bake_runtime::{Bsdf, Rng};
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -259,17 +259,28 @@ fn propose_draws_from_pdf() {
     for conductor in &models {
         for theta in [0.0, 60.0, 85.0] {
             let wo = direction(theta, 35.0);
-            let frame = Frame {
-                x: conductor.alpha[0],
-                y: conductor.alpha[1],
-                shear: 0.0,
-                b: mirror_anchor(wo.to_array(), conductor.alpha),
-            };
+            let frame = lobe_frame(wo, conductor.alpha);
             let name = format!("conductor {:?} {theta}", conductor.alpha);
             cases.push((name, conductor as &dyn Bsdf, wo, frame));
         }
     }
     assert_draws_follow_pdf(&cases);
+}
+
+#[test]
+fn walks_fill_bins_as_eval_says() {
+    let models: Vec<Conductor> = [[0.1, 0.1], [0.3, 0.1], [1.0, 1.0]]
+        .map(|alpha| Conductor::new(alpha, [0.9, 0.6, 0.3]).expect("valid parameters"))
+        .to_vec();
+    let mut cases = Vec::new();
+    for conductor in &models {
+        for theta in [30.0, 80.0] {
+            let wo = direction(theta, 35.0);
+            let name = format!("conductor {:?} {theta}", conductor.alpha);
+            cases.push((name, conductor as &dyn Bsdf, wo, lobe_frame(wo, conductor.alpha)));
+        }
+    }
+    assert_samples_follow_eval(&cases);
 }
 
 /// Sharing walks does not bias: means over many seeds agree with plain evaluations, direction by direction.

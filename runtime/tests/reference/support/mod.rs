@@ -3,9 +3,11 @@
 
 pub mod chi_square;
 pub mod draws;
+pub mod histogram;
 pub mod quadrature;
 pub mod table;
 
+use bake_runtime::frame::{Frame, mirror_anchor};
 use glam::DVec3;
 
 /// Agreement asked of a Monte Carlo comparison, in combined standard errors.
@@ -54,6 +56,16 @@ impl<const N: usize> Means<N> {
 
     pub fn se(&self, i: usize) -> f64 {
         (self.variance(i) / self.n).sqrt()
+    }
+}
+
+/// A frame on the lobe that a surface of roughness `alpha` mirrors `wo` to.
+pub fn lobe_frame(wo: DVec3, alpha: [f64; 2]) -> Frame {
+    Frame {
+        x: alpha[0],
+        y: alpha[1],
+        shear: 0.0,
+        b: mirror_anchor(wo.to_array(), alpha),
     }
 }
 
