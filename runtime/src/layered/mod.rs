@@ -13,7 +13,6 @@ mod phase;
 mod slice;
 mod walk;
 
-pub use phase::{henyey_greenstein, sample_henyey_greenstein};
 pub use slice::LayeredSlice;
 
 use crate::bsdf::{Bsdf, BsdfSample, Slice, usable};
@@ -25,7 +24,7 @@ use crate::random::Rng;
 use crate::real::consts::FRAC_1_PI;
 use crate::real::{Real, Vec3};
 use interface::Interface;
-use walk::{Dye, Met, Roulette, Segment, flip};
+use walk::{Dye, Segment};
 
 /// Smallest probability of either lobe of [`Bsdf::propose`], while it has light at all: its weights stay bounded
 /// where the estimate of its energy is poor.
@@ -223,39 +222,5 @@ impl Bsdf for Layered {
 
     fn slice(&self, wo: Vec3, walks: usize, seed: u64) -> Box<dyn Slice + '_> {
         Box::new(LayeredSlice::new(self, wo, walks, seed))
-    }
-}
-
-impl Layered {
-    /// Walks on from `segment` until the light leaves through the interface, which it does in its Fresnel share.
-    ///
-    /// Roulette is played for the colours alone: `masking`, of the facets that the walk has met, scales the weight.
-    fn walk_out(&self, segment: Segment, masking: Real, rng: &mut Rng) -> Option<BsdfSample> {
-        let inside = self.interface().reversed();
-        let dye = self.dye();
-        let mut roulette = Roulette::default();
-        let (mut segment, mut masking) = (segment, masking);
-        loop {
-            segment = match self.follow(&segment, &dye, rng) {
-                Met::Vertex(next) => {
-                    roulette.vertex();
-                    next
-                }
-                Met::Interface => {
-                    let facet = inside.facet(flip(-segment.direction), rng.pair());
-                    if rng.uniform() >= facet.reflectance() {
-                        let out = inside.refract(&facet)?;
-                        return Some(BsdfSample {
-                            wi: flip(out.direction),
-                            weight: segment.throughput * (masking * out.masking),
-                        });
-                    }
-                    let mirrored = inside.mirror(&facet)?;
-                    masking *= mirrored.masking;
-                    segment.below_interface(mirrored.direction, 1.0)
-                }
-            };
-            segment.throughput = roulette.play(segment.throughput, rng)?;
-        }
     }
 }

@@ -9,7 +9,7 @@ use crate::real::{Real, Vec3};
 /// Density of scattering from the direction of travel `from` into `to` (both unit), sr⁻¹; `g` in (−1, 1) is the mean
 /// cosine between them. It integrates to 1 over the sphere and is symmetric.
 #[inline]
-pub fn henyey_greenstein(from: Vec3, to: Vec3, g: Real) -> Real {
+pub(super) fn henyey_greenstein(from: Vec3, to: Vec3, g: Real) -> Real {
     if g == 0.0 {
         return 1.0 / (4.0 * PI);
     }
@@ -21,7 +21,7 @@ pub fn henyey_greenstein(from: Vec3, to: Vec3, g: Real) -> Real {
 
 /// Draws the direction of travel after scattering, with density [`henyey_greenstein`]; `u` in `[0,1)²`.
 #[inline]
-pub fn sample_henyey_greenstein(from: Vec3, g: Real, u: [Real; 2]) -> Vec3 {
+pub(super) fn sample_henyey_greenstein(from: Vec3, g: Real, u: [Real; 2]) -> Vec3 {
     let s = 2.0 * u[0] - 1.0;
     let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
     if g == 0.0 {

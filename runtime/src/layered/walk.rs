@@ -5,6 +5,7 @@
 
 use super::Layered;
 use super::phase::{henyey_greenstein, sample_henyey_greenstein};
+use crate::bsdf::BsdfSample;
 use crate::concentric::square_to_hemisphere;
 use crate::random::Uniforms;
 use crate::real::consts::FRAC_1_PI;
@@ -182,6 +183,43 @@ impl Layered {
                 Some(throughput) => segment.throughput = throughput,
                 None => return,
             }
+        }
+    }
+
+    /// Walks on from `segment` until the light leaves through the interface, which it does in its Fresnel share.
+    ///
+    /// Roulette is played for the colours alone: `masking`, of the facets that the walk has met, scales the weight.
+    pub(super) fn walk_out(
+        &self,
+        segment: Segment,
+        masking: Real,
+        rng: &mut impl Uniforms,
+    ) -> Option<BsdfSample> {
+        let inside = self.interface().reversed();
+        let dye = self.dye();
+        let mut roulette = Roulette::default();
+        let (mut segment, mut masking) = (segment, masking);
+        loop {
+            segment = match self.follow(&segment, &dye, rng) {
+                Met::Vertex(next) => {
+                    roulette.vertex();
+                    next
+                }
+                Met::Interface => {
+                    let facet = inside.facet(flip(-segment.direction), rng.pair());
+                    if rng.uniform() >= facet.reflectance() {
+                        let out = inside.refract(&facet)?;
+                        return Some(BsdfSample {
+                            wi: flip(out.direction),
+                            weight: segment.throughput * (masking * out.masking),
+                        });
+                    }
+                    let mirrored = inside.mirror(&facet)?;
+                    masking *= mirrored.masking;
+                    segment.below_interface(mirrored.direction, 1.0)
+                }
+            };
+            segment.throughput = roulette.play(segment.throughput, rng)?;
         }
     }
 }
