@@ -59,6 +59,19 @@ impl Worst {
         }
     }
 
+    /// [`Worst::compare`] of one number per direction, from both builds.
+    fn compare_numbers(
+        &mut self,
+        wis: &[Vec3],
+        single: impl Fn(Vec3) -> f32,
+        double: impl Fn(DVec3) -> f64,
+        place: impl Fn(usize) -> String,
+    ) {
+        let single: Vec<f32> = wis.iter().map(|wi| single(*wi)).collect();
+        let double: Vec<f64> = wis.iter().map(|wi| double(wi.as_dvec3())).collect();
+        self.compare(&single, &double, place);
+    }
+
     fn assert_small(&self, what: &str) {
         eprintln!("{what}: {:.1e}, {}", self.difference, self.place);
         assert!(
@@ -165,15 +178,13 @@ fn layered() {
                     let wis: Vec<Vec3> = directions().into_iter().chain([wo]).collect();
                     let place = |i: usize| format!("{low:?} {wo} {}", wis[i]);
                     let wo64 = wo.as_dvec3();
-                    let low_values: Vec<f32> = wis.iter().map(|wi| low.reflection(wo, *wi)).collect();
-                    let high_values: Vec<f64> = wis
-                        .iter()
-                        .map(|wi| high.reflection(wo64, wi.as_dvec3()))
-                        .collect();
-                    reflection.compare(&low_values, &high_values, place);
-                    let low_values: Vec<f32> = wis.iter().map(|wi| low.pdf(wo, *wi)).collect();
-                    let high_values: Vec<f64> = wis.iter().map(|wi| high.pdf(wo64, wi.as_dvec3())).collect();
-                    pdf.compare(&low_values, &high_values, place);
+                    reflection.compare_numbers(
+                        &wis,
+                        |wi| low.reflection(wo, wi),
+                        |wi| high.reflection(wo64, wi),
+                        place,
+                    );
+                    pdf.compare_numbers(&wis, |wi| low.pdf(wo, wi), |wi| high.pdf(wo64, wi), place);
                     for wi in wis.iter().step_by(7) {
                         let f = low.eval(wo, *wi, &mut Rng::new(&[52]));
                         assert!(
@@ -237,19 +248,13 @@ fn principled() {
                         let wis: Vec<Vec3> = directions().into_iter().chain([wo]).collect();
                         let place = |i: usize| format!("{:?} {wo} {}", low.parameters(), wis[i]);
                         let wo64 = wo.as_dvec3();
-                        let low_values: Vec<f32> = wis
-                            .iter()
-                            .map(|wi| low.eval(wo, *wi, &mut Rng::new(&[])).x)
-                            .collect();
-                        let high_values: Vec<f64> = wis
-                            .iter()
-                            .map(|wi| high.eval(wo64, wi.as_dvec3(), &mut bake_runtime::Rng::new(&[])).x)
-                            .collect();
-                        value.compare(&low_values, &high_values, place);
-                        let low_values: Vec<f32> = wis.iter().map(|wi| low.pdf(wo, *wi)).collect();
-                        let high_values: Vec<f64> =
-                            wis.iter().map(|wi| high.pdf(wo64, wi.as_dvec3())).collect();
-                        pdf.compare(&low_values, &high_values, place);
+                        value.compare_numbers(
+                            &wis,
+                            |wi| low.eval(wo, wi, &mut Rng::new(&[])).x,
+                            |wi| high.eval(wo64, wi, &mut bake_runtime::Rng::new(&[])).x,
+                            place,
+                        );
+                        pdf.compare_numbers(&wis, |wi| low.pdf(wo, wi), |wi| high.pdf(wo64, wi), place);
                         for u in [[0.0, 0.0], [0.3, 0.7], [1.0 - f32::EPSILON / 2.0; 2]] {
                             if let Some(s) = low.sample(wo, u, &mut Rng::new(&[])) {
                                 assert!(

@@ -50,7 +50,7 @@ impl Layered {
     pub const ETA_MIN: Real = 0.5;
     /// Largest relative index of refraction.
     pub const ETA_MAX: Real = 4.0;
-    /// Largest optical depth: the mean walk through a white slab scatters about twice this often.
+    /// Largest optical depth: the mean walk through a white slab scatters about four times as often.
     pub const SIGMA_T_MAX: Real = 100.0;
     /// Largest |g|.
     pub const G_MAX: Real = 0.99;
