@@ -53,8 +53,9 @@ pub enum Command {
     /// need one evaluation, and albedos take at least 32). "id" may hold anything and comes back. A line that cannot
     /// be answered ends the program with status 2 and says which and why.
     ///
-    /// SUBJECT decides who answers, and what `params` must hold: a family takes every parameter without a default,
-    /// a material what it leaves free, a folder of networks none.
+    /// SUBJECT decides who answers, and what `params` must hold: a family takes every parameter without a default (files
+    /// relative to the current folder), a material what it leaves free, a folder of networks none. The name of a family
+    /// always means the family; a material called like one is asked by its file, e.g. scenes/materials/conductor.toml.
     #[command(after_long_help = crate::help::families())]
     Query(QueryOptions),
     /// Show a material: its parameters, its albedo over θ, and pictures of its slices.
@@ -63,15 +64,23 @@ pub enum Command {
     /// direction to the camera. Every slice is written as EXR (linear, per steradian); slices.png shows them side by
     /// side, exposed for the lobe above and by the logarithm below, with a ring at the camera.
     ///
-    /// NAME is a family with its defaults, a material file, or the name of one in scenes/materials. What a material
-    /// leaves free takes the middle of its range; `--set` gives it, and anything else, another value:
+    /// NAME is a family, a material file, or the name of one in scenes/materials; the name of a family always means the
+    /// family. Of a family `--set` gives what has no default, and of a material anything; what a material leaves free
+    /// takes the middle of its range otherwise:
     ///
     /// bake material conductor --set alpha=[0.3,0.1] --set ior=gold
+    ///
+    /// bake material scenes/materials/layered.toml --set sigma_t=0.5
+    ///
+    /// bake material imported --set file=felt.safetensors
+    ///
+    /// Files of slices are written by `bake_bsdf.write_slices` in export/python.
     #[command(after_long_help = crate::help::families())]
     Material(MaterialOptions),
     /// Measure what a reference model costs: ns per sample and eval, seconds per slice, beside their noise.
     ///
-    /// One thread; a table over roughness and θ_o, of the family and of the baselines beside it.
+    /// One thread; a table over roughness and θ_o, of the family and of the baselines beside it: for the conductor,
+    /// single scattering with compensated energy. Lines below the table say what its columns mean.
     Bench(BenchOptions),
 }
 
@@ -145,7 +154,7 @@ pub struct MaterialOptions {
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = assignment)]
     pub set: Vec<(String, Field)>,
     /// Random walks behind each slice; albedos take 32 times as many. All pixels share them, so noise shows as faint
-    /// streaks in the tails, which move with `--seed`.
+    /// streaks in the tails, which move with `--seed`. Slices of principled and imported materials need none.
     #[arg(long, default_value_t = 2048, value_parser = clap::value_parser!(u64).range(1..=1 << 24))]
     pub samples: u64,
     /// Seed of the random numbers.

@@ -12,13 +12,15 @@ const RUNTIME: &str = "bake-runtime";
 const TRAIN: &str = "bake-train";
 const EXPORT: &str = "bake-export";
 const SCENES: &str = "bake-scenes";
+/// The reference models in single precision, for tests of the runtime alone.
+const TWIN: &str = "bake-single-precision";
 
 /// Files that may hold `unsafe`: lane operations of one instruction set each.
 const UNSAFE_FOLDER: &str = "runtime/src/native/arch";
 
 #[test]
 fn crates_see_only_what_the_design_lets_them_see() {
-    let ours = [ROOT, RUNTIME, TRAIN, EXPORT, SCENES].map(String::from);
+    let ours = [ROOT, RUNTIME, TWIN, TRAIN, EXPORT, SCENES].map(String::from);
     let dependencies = direct_dependencies();
     let found: Vec<&String> = dependencies.keys().collect();
     let expected: BTreeSet<&String> = ours.iter().collect();
@@ -28,7 +30,8 @@ fn crates_see_only_what_the_design_lets_them_see() {
         "a crate came or went: say here whom it may see"
     );
     for (name, allowed) in [
-        (RUNTIME, &[][..]),
+        (TWIN, &[][..]),
+        (RUNTIME, &[TWIN]),
         (TRAIN, &[RUNTIME]),
         (EXPORT, &[RUNTIME]),
         (SCENES, &[RUNTIME]),
@@ -41,6 +44,18 @@ fn crates_see_only_what_the_design_lets_them_see() {
             Vec::from_iter(&allowed),
             "crates of this workspace that {name} depends on"
         );
+    }
+}
+
+/// Both precisions come from one source, and nobody links the second one.
+#[test]
+fn the_twin_in_single_precision_has_no_models_of_its_own() {
+    let folder = workspace().join("runtime/single_precision");
+    let mut found = sources(&folder);
+    found.sort();
+    assert_eq!(found, ["lib.rs", "real.rs"].map(|file| folder.join(file)));
+    for name in [ROOT, RUNTIME, TRAIN, EXPORT, SCENES] {
+        assert!(!tree(name).contains(TWIN), "{name} links {TWIN}");
     }
 }
 

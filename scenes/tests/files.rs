@@ -150,7 +150,7 @@ fn mistakes_in_every_family_are_named() {
     let cases: [(String, &[&str]); 18] = [
         (
             coat.replace("alpha = 0.1\n", ""),
-            &["`alpha`", "missing field", "a number in 0.001..1"],
+            &["`alpha`", "missing field", "a number in 0.0001..1"],
         ),
         (
             coat.replace("alpha = 0.1", "alpha = [0.1, 0.1]"),

@@ -1,12 +1,20 @@
 //! Pictures whose result is known: furnaces, Lambert's law, agreement of all methods, reproducibility.
 
 mod common;
+#[path = "../../tests/support/slices_file.rs"]
+mod slices_file;
 
+use bake_runtime::{Family, Material};
 use bake_scenes::metrics::tile_differences;
-use bake_scenes::{Environment, Error, Estimator, Image, Method, RenderSettings, Scene, Surface};
+use bake_scenes::{
+    Environment, Error, Estimator, Image, Method, RenderSettings, Scene, Surface, load_material,
+};
 use common::{conductor, mean, plane, render, settings, sphere};
 use glam::Vec3;
+use slices_file::SlicesFile;
+use std::f64::consts::FRAC_1_PI;
 use std::ops::ControlFlow;
+use std::path::Path;
 
 const METHODS: [Method; 7] = [
     Method::Reference,
@@ -116,26 +124,121 @@ fn white_metal_sphere_vanishes_in_a_furnace_up_to_its_rim() {
 /// Standard error of the mean of a picture of order 1 above which the comparison would say too little.
 const NOISE_MAX: f64 = 2e-3;
 
-/// Whatever samples the material, the picture is the same: for baked methods with a pdf that is wrong.
-#[test]
-fn all_methods_agree_in_every_tile() {
-    let scene = metal_sphere(sided_environment());
-    let reference = render(&scene, &settings(Method::Reference, 512));
-    for method in METHODS {
+/// Asserts that every one of `methods` makes the picture that the reference's own walk makes.
+fn agree_in_every_tile(scene: &Scene, methods: &[Method]) {
+    let reference = render(scene, &settings(Method::Reference, 512));
+    let name = scene.materials().next().map_or("", |material| &material.name);
+    for method in methods {
         let other = render(
-            &scene,
+            scene,
             &RenderSettings {
                 seed: 2,
-                ..settings(method, 256)
+                ..settings(*method, 256)
             },
         );
-        for tile in tile_differences(&other, &reference, 8).unwrap() {
-            for (relative, noise) in tile.relative.iter().zip(tile.standard_error) {
-                assert!(relative.abs() <= SIGMAS * noise, "{method:?}: {tile:?}");
+        // Tiles show what is wrong somewhere, the whole picture what is a little wrong everywhere.
+        for side in [8, scene.width] {
+            for tile in tile_differences(&other, &reference, side).unwrap() {
+                for (relative, noise) in tile.relative.iter().zip(tile.standard_error) {
+                    assert!(relative.abs() <= SIGMAS * noise, "{name}, {method:?}: {tile:?}");
+                }
             }
         }
         let noise = standard_error(&other).hypot(standard_error(&reference));
-        assert!(noise < NOISE_MAX, "{method:?}: {noise}");
+        assert!(noise < NOISE_MAX, "{name}, {method:?}: {noise}");
+    }
+}
+
+/// Whatever samples the material, the picture is the same: for baked methods with a pdf that is wrong.
+#[test]
+fn all_methods_agree_in_every_tile() {
+    agree_in_every_tile(&metal_sphere(sided_environment()), &METHODS);
+}
+
+/// Methods of materials that are not baked.
+const REFERENCE_METHODS: [Method; 4] = [
+    Method::Reference,
+    Method::ReferenceRandom,
+    Method::Vndf,
+    Method::Cosine,
+];
+
+/// A material of `family` with every parameter fixed.
+fn fixed(family: Family, given: &[(&str, &[f64])]) -> Material {
+    Material::fixed(family.name(), family, given).expect("valid parameters")
+}
+
+/// A table of a diffuse floor under a lobe about the mirror direction, and a material file beside it, in `folder`.
+fn felt(folder: &Path) -> Material {
+    /// Standard deviation of the lobe on the disk.
+    const WIDTH: f64 = 0.4;
+    let f = |[gloss, theta]: [f64; 2], [x, y, _]: [f64; 3]| {
+        let away = (x + theta.to_radians().sin()).powi(2) + y * y;
+        let lobe = gloss * (-0.5 * away / (WIDTH * WIDTH)).exp();
+        [0.6, 0.4, 0.2].map(|floor| floor * FRAC_1_PI + 0.3 * lobe)
+    };
+    let thetas: Vec<f32> = (0..=8).map(|k| 11.0 * k as f32).collect();
+    SlicesFile::isotropic("gloss", &[0.0, 1.0], &thetas, 32, f).write(&folder.join("felt.safetensors"));
+    let file = folder.join("felt.toml");
+    let text = "family = \"imported\"\nfile = \"felt.safetensors\"\ngloss = 0.7\n";
+    std::fs::write(&file, text).expect("it can be written");
+    load_material(&file).expect("a valid material")
+}
+
+#[test]
+fn methods_of_every_family_agree_in_every_tile() {
+    let varnish: [(&str, &[f64]); 5] = [
+        ("alpha", &[0.3]),
+        ("sigma_t", &[0.8]),
+        ("albedo", &[0.9, 0.6, 0.3]),
+        ("base", &[0.8, 0.5, 0.2]),
+        ("g", &[0.5]),
+    ];
+    let paint: [(&str, &[f64]); 6] = [
+        ("base_color", &[0.8, 0.4, 0.2]),
+        ("metallic", &[0.2]),
+        ("anisotropic", &[0.6]),
+        ("sheen", &[0.8]),
+        ("clearcoat", &[0.9]),
+        ("flatness", &[0.4]),
+    ];
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    for material in [
+        fixed(Family::Layered, &varnish),
+        fixed(Family::Principled, &paint),
+        felt(folder.path()),
+    ] {
+        let scene = sphere(Surface::Material(material), sided_environment(), 32);
+        agree_in_every_tile(&scene, &REFERENCE_METHODS);
+    }
+}
+
+/// Without an interface and without absorption a slab returns all light, whatever scatters it: the sphere vanishes.
+#[test]
+fn white_layered_sphere_vanishes_in_a_furnace() {
+    for g in [0.0, 0.7] {
+        let white: [(&str, &[f64]); 6] = [
+            ("alpha", &[0.2]),
+            ("eta", &[1.0]),
+            ("sigma_t", &[1.5]),
+            ("albedo", &[1.0; 3]),
+            ("base", &[1.0; 3]),
+            ("g", &[g]),
+        ];
+        let scene = sphere(
+            Surface::Material(fixed(Family::Layered, &white)),
+            Environment::constant(Vec3::ONE),
+            32,
+        );
+        for method in REFERENCE_METHODS {
+            let image = render(&scene, &settings(method, 256));
+            let sphere = mean(&image, |o| o == 1.0);
+            let noise = standard_error(&image);
+            assert!(
+                (sphere - 1.0).abs() < FURNACE_LOSS + SIGMAS * noise && noise < NOISE_MAX,
+                "g = {g}, {method:?}: {sphere} ± {noise}"
+            );
+        }
     }
 }
 
