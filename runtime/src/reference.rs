@@ -72,7 +72,14 @@ impl Reference {
                 let Some(Setting::File(path)) = material.get("file") else {
                     return Err(Error::parameter("file", "missing field"));
                 };
-                let imported = ImportedTable::bind_file(path, number)?;
+                let imported =
+                    ImportedTable::bind_file(path, |name, [lowest, highest]| match material.get(name) {
+                        Some(_) => number(name),
+                        None => {
+                            let reason = format!("missing field, the table covers {lowest}..{highest}");
+                            Err(Error::parameter(name, reason))
+                        }
+                    })?;
                 // A parameter that the table does not have would be passed over in silence.
                 let table = imported.table().clone();
                 for (name, _) in material.parameters.iter().filter(|(name, _)| name != "file") {

@@ -154,7 +154,7 @@ fn print(report: &Report) -> Result<()> {
         output::line(&format!("  {name} is free over {min}..{max}: this is its middle"));
     }
     output::line(&format!(
-        "\nalbedo, {} walks each\n{:>5}{:>24}{:>27}",
+        "\nalbedo, {} samples each\n{:>5}{:>24}{:>27}",
         report.samples * ALBEDO_FACTOR,
         "θ",
         "RGB",

@@ -7,6 +7,7 @@ use crate::backends::Backends;
 use crate::output;
 use crate::progress::Stages;
 use anyhow::{Result, bail};
+use bake_runtime::Family;
 use bake_runtime::Material;
 use bake_scenes::metrics::{error_split, relmse};
 use bake_scenes::{Estimator, Image, Method, RenderSettings, Scene, exr_file, picture};
@@ -127,6 +128,13 @@ fn model_folders(
             .map(|c| c.join(&material.name))
             .find(|f| f.join("sample.safetensors").exists());
         let Some(folder) = found else {
+            if material.family != Family::Conductor {
+                bail!(
+                    "material `{}` is not baked, and its family `{}` cannot be so far; render it with --method reference",
+                    material.name,
+                    material.family.name()
+                );
+            }
             let looked = candidates
                 .iter()
                 .map(|c| c.join(&material.name).display().to_string())

@@ -23,13 +23,14 @@ struct Kept {
 }
 
 impl ImportedTable {
-    /// Binds the table in the file `path`, its parameters given by `param`, which is asked for each by name.
+    /// Binds the table in the file `path`, its parameters given by `param`, which is asked for each by name and told
+    /// the range that is tabulated.
     ///
     /// The few files and bindings used last are kept, so that neither is read nor blended again while it lasts.
     ///
     /// # Errors
     /// As [`ImportedTable::load`] and [`ImportedTable::bind`], and whatever `param` returns.
-    pub fn bind_file(path: &Path, param: impl Fn(&str) -> Result<Real>) -> Result<Imported> {
+    pub fn bind_file(path: &Path, param: impl Fn(&str, [Real; 2]) -> Result<Real>) -> Result<Imported> {
         let metadata = std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
         let stamp = (metadata.len(), metadata.modified().ok());
         // A thread that waits here would have to read the same file; a poisoned shelf is still whole.
@@ -42,7 +43,8 @@ impl ImportedTable {
         let params: Vec<Real> = table
             .param_names()
             .iter()
-            .map(|name| param(name))
+            .zip(table.ranges())
+            .map(|(name, range)| param(name, range))
             .collect::<Result<_>>()?;
         let same = |k: &Kept| k.path == path && k.stamp == stamp && k.params == params;
         let kept = match shelf.iter().position(same) {

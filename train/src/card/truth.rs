@@ -13,7 +13,7 @@ use bake_runtime::frame::{Frame, mirror_anchor};
 use glam::DVec3;
 
 /// Walks behind the multiple-scattering density; two independent halves of this give its own error.
-const WALKS: usize = 1 << 14;
+const WALKS: usize = 1 << 12;
 /// Walks behind the albedo.
 const ALBEDO_WALKS: u64 = 1 << 17;
 /// Quadrature nodes per side for the albedo of single scattering.
