@@ -17,7 +17,7 @@ pub const LUMINANCE: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
 /// Cells per side of the grid that multiple scattering is tabulated on.
 pub const SCATTER_CELLS: usize = 24;
 
-/// Walks per slice: at alpha 0.3 × 0.1 its noise is then about a fifth of a percent of its light.
+/// Walks per slice: at alpha 0.3 × 0.1 its noise is then about a quarter of a percent of its light.
 pub const WALKS: usize = 1 << 12;
 
 /// A density below this share of the slice's mean counts as this share: logarithms stay finite.
