@@ -33,12 +33,17 @@ const SPREAD_EVALS: u64 = 64;
 pub const SLICE_SIDE: usize = 128;
 /// Noise that a slice may have: see [`Row::slice_noise`].
 pub const SLICE_NOISE: f64 = 0.01;
-/// Walks of the first slice tried; they grow by half until the noise is low enough.
+/// Walks of the first slice tried; they grow until the noise is low enough.
 const FIRST_WALKS: usize = 64;
 /// Walks at which the search gives up; the row then tells the noise reached.
 const LAST_WALKS: usize = 1 << 16;
 /// Pairs of slices of different seeds behind the noise: it is mostly common to all directions, so one pair says little.
 const NOISE_PAIRS: u64 = 8;
+/// Of the directions of a slice, the noise is measured at every so many: it hardly differs between neighbours. Odd, so
+/// that it goes through all columns.
+const NOISE_STRIDE: usize = 31;
+/// Slices timed; the median counts.
+const SLICES_TIMED: u64 = 3;
 /// Key of the queries.
 const KEY: u64 = 0xbe9c;
 
@@ -271,33 +276,53 @@ fn eval_rel_sd(bsdf: &dyn Bsdf, wo: DVec3) -> f64 {
 /// Seconds, noise and walks of a slice whose noise is at most [`SLICE_NOISE`].
 fn slice(bsdf: &dyn Bsdf, wo: DVec3) -> (f64, f64, usize) {
     let wis = disk_directions();
-    let draw = |walks: usize, seed: u64| -> (Vec<f64>, f64) {
-        let start = Instant::now();
-        let slice = bsdf.slice(wo, walks, seed);
-        let values = wis.iter().map(|wi| slice.eval(*wi).dot(LUMINANCE)).collect();
-        (values, start.elapsed().as_secs_f64())
+    let (walks, noise) = match bsdf.is_stochastic() {
+        true => walks_for_noise(bsdf, wo, &wis),
+        false => (0, 0.0),
     };
+    let seconds: Vec<f64> = (0..SLICES_TIMED)
+        .map(|seed| {
+            let start = Instant::now();
+            black_box(luminances(bsdf, wo, wis.iter(), walks, seed));
+            start.elapsed().as_secs_f64()
+        })
+        .collect();
+    (median(&seconds), noise, walks)
+}
+
+/// Luminance of f_cos at `wis`, from one slice.
+fn luminances<'a>(
+    bsdf: &dyn Bsdf,
+    wo: DVec3,
+    wis: impl Iterator<Item = &'a DVec3>,
+    walks: usize,
+    seed: u64,
+) -> Vec<f64> {
+    let slice = bsdf.slice(wo, walks, seed);
+    wis.map(|wi| slice.eval(*wi).dot(LUMINANCE)).collect()
+}
+
+/// Walks whose noise is at most [`SLICE_NOISE`], and that noise, at every [`NOISE_STRIDE`]-th of `wis`.
+fn walks_for_noise(bsdf: &dyn Bsdf, wo: DVec3, wis: &[DVec3]) -> (usize, f64) {
     let mut walks = FIRST_WALKS;
     loop {
         let (mut difference, mut mean) = (0.0, 0.0);
-        let mut seconds = Vec::new();
         for pair in 0..NOISE_PAIRS {
-            let (a, time) = draw(walks, 2 * pair);
-            seconds.push(time);
-            if !bsdf.is_stochastic() {
-                return (time, 0.0, 0);
-            }
-            let (b, time) = draw(walks, 2 * pair + 1);
-            seconds.push(time);
+            let [a, b] = [2 * pair, 2 * pair + 1]
+                .map(|seed| luminances(bsdf, wo, wis.iter().step_by(NOISE_STRIDE), walks, seed));
             difference += a.iter().zip(&b).map(|(a, b)| (a - b).abs()).sum::<f64>();
             mean += a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).sum::<f64>();
         }
         // The mean absolute difference of two normal numbers is 2/√π standard deviations.
         let noise = difference / mean * 0.5 * PI.sqrt();
         if noise <= SLICE_NOISE || walks >= LAST_WALKS {
-            return (median(&seconds), noise, walks);
+            return (walks, noise);
         }
-        walks += walks / 2;
+        // Noise falls at least as the root of the walks.
+        let wanted = walks as f64 * (noise / SLICE_NOISE).powi(2);
+        walks = (wanted as usize)
+            .clamp(walks + walks / 4, 4 * walks)
+            .min(LAST_WALKS);
     }
 }
 
