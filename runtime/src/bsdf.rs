@@ -59,7 +59,7 @@ pub trait Bsdf: Send + Sync {
 
     /// The BSDF over all `wi` for one `wo`, for many evaluations that may share their noise.
     ///
-    /// `walks` random walks from `wo`, keyed by `seed` and `wo`, serve every direction (common random numbers):
+    /// `walks` random walks from `wo`, keyed by `seed`, serve every direction (common random numbers):
     /// [`Slice::eval`] is unbiased at each, and its error varies smoothly from one to the next. Deterministic models
     /// need no walks.
     fn slice(&self, wo: Vec3, walks: usize, seed: u64) -> Box<dyn Slice + '_>;
