@@ -16,6 +16,8 @@ pub mod fresnel;
 pub mod layered;
 #[path = "../src/microfacet.rs"]
 pub mod microfacet;
+#[path = "../src/moments.rs"]
+pub mod moments;
 #[path = "../src/principled/mod.rs"]
 pub mod principled;
 #[path = "../src/random.rs"]

@@ -5,6 +5,7 @@
 
 use crate::bsdf::{Bsdf, BsdfSample, Estimate, UNIT_TOL};
 use crate::error::{Error, Result};
+use crate::moments::Moments;
 use crate::random::Rng;
 use crate::real::{Real, Vec3};
 
@@ -87,45 +88,6 @@ fn key(w: Vec3) -> u64 {
     Rng::new(&w.to_array().map(Real::to_bits)).bits()
 }
 
-/// Running mean and squared deviations, without cancellation.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Moments {
-    count: Real,
-    mean: Vec3,
-    squares: Vec3,
-}
-
-impl Moments {
-    /// Takes `value` in: Welford 1962, *Note on a Method for Calculating Corrected Sums of Squares and Products*.
-    pub fn add(&mut self, value: Vec3) {
-        self.count += 1.0;
-        let before = value - self.mean;
-        self.mean += before / self.count;
-        self.squares += before * (value - self.mean);
-    }
-
-    /// Both sets together: Chan, Golub and LeVeque 1983.
-    pub fn merged(self, other: Moments) -> Moments {
-        let count = self.count + other.count;
-        let difference = other.mean - self.mean;
-        let share = other.count / count;
-        Moments {
-            count,
-            mean: self.mean + difference * share,
-            squares: self.squares + other.squares + difference * difference * (self.count * share),
-        }
-    }
-
-    /// The mean and its standard error; at least two values.
-    pub fn estimate(&self) -> Estimate {
-        let variance = self.squares / (self.count * (self.count - 1.0));
-        Estimate {
-            mean: self.mean,
-            se: Vec3::from_array(variance.to_array().map(Real::sqrt)),
-        }
-    }
-}
-
 fn check_pairs(wo: &[Vec3], wi: &[Vec3]) -> Result<()> {
     check_length("wi", wo.len(), wi.len())?;
     check_directions("wo", wo)?;
@@ -176,8 +138,6 @@ mod tests {
     const ROUND_OFF: Real = 1e-12;
     /// Two standard errors from 12 000 skewed values each differ by less than this share of either.
     const SE_TOL: Real = 0.5;
-    /// Deviations of a thousandth of the values lose three digits of them.
-    const SE_ROUND_OFF: Real = 1e-9;
 
     fn gold() -> Conductor {
         Conductor::new([0.3, 0.1], [1.0, 0.782, 0.344]).expect("valid parameters")
@@ -226,21 +186,6 @@ mod tests {
             }
         }
         assert_eq!(found[3], Estimate::default(), "below the horizon");
-    }
-
-    #[test]
-    fn moments_merge_exactly() {
-        let mut rng = Rng::new(&[5]);
-        let values: Vec<Vec3> = (0..100).map(|_| Vec3::splat(1e3) + rng.uniform()).collect();
-        let of = |values: &[Vec3]| {
-            let mut moments = Moments::default();
-            values.iter().for_each(|v| moments.add(*v));
-            moments
-        };
-        let (whole, merged) = (of(&values), of(&values[..30]).merged(of(&values[30..])));
-        let (whole, merged) = (whole.estimate(), merged.estimate());
-        assert!((whole.mean / merged.mean - 1.0).abs().max_element() < ROUND_OFF);
-        assert!((whole.se / merged.se - 1.0).abs().max_element() < SE_ROUND_OFF);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The interface of a reference BSDF with its parameters bound.
 
+use crate::moments::Moments;
 use crate::random::Rng;
 use crate::real::{Real, Vec3};
 
@@ -70,7 +71,7 @@ pub trait Bsdf: Send + Sync {
     /// are taken.
     fn albedo(&self, wo: Vec3, samples: u64, seed: u64) -> Estimate {
         let each = samples.div_ceil(REPLICATES).max(2);
-        let (mut sum, mut square) = (Vec3::ZERO, Vec3::ZERO);
+        let mut replicates = Moments::default();
         for replicate in 0..REPLICATES {
             let key = [ALBEDO_KEY, seed, replicate];
             let shift = Rng::new(&key).pair();
@@ -80,17 +81,9 @@ pub trait Bsdf: Send + Sync {
                 let sample = self.sample(wo, shifted_r2(i, shift), &mut rng);
                 part += sample.map_or(Vec3::ZERO, |s| s.weight);
             }
-            part /= each as Real;
-            sum += part;
-            square += part * part;
+            replicates.add(part / each as Real);
         }
-        let n = REPLICATES as Real;
-        let mean = sum / n;
-        let variance = ((square / n - mean * mean) / (n - 1.0)).max(Vec3::ZERO);
-        Estimate {
-            mean,
-            se: Vec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt()),
-        }
+        replicates.estimate()
     }
 }
 

@@ -23,6 +23,7 @@ pub mod layered;
 pub mod material;
 pub mod metals;
 pub mod microfacet;
+pub mod moments;
 pub mod native;
 pub mod network;
 #[cfg(feature = "ort")]

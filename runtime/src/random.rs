@@ -55,7 +55,7 @@ impl Rng {
 
     /// Two uniforms in `[0, 1)²`.
     pub fn pair(&mut self) -> [Real; 2] {
-        [self.uniform(), self.uniform()]
+        Uniforms::pair(self)
     }
 }
 
@@ -84,6 +84,18 @@ impl<const N: usize> Prefixed<N> {
     }
 }
 
+impl<const N: usize> Uniforms for Prefixed<N> {
+    fn uniform(&mut self) -> Real {
+        match self.chosen.get(self.used) {
+            Some(&number) => {
+                self.used += 1;
+                number
+            }
+            None => self.rest.uniform(),
+        }
+    }
+}
+
 /// The numbers of `count` walks, keyed by `key` and `seed`: a pair for the first interaction and `N` numbers for what
 /// follows are Owen-scrambled Sobol points (Burley 2020, *Practical Hash-based Owen Scrambling*), the rest is random.
 ///
@@ -100,18 +112,6 @@ pub fn stratified<const N: usize>(
         let chosen = std::array::from_fn(|k| at(k as u32 + 2));
         ([at(0), at(1)], Prefixed::new(chosen, Rng::new(&[key, seed, i])))
     })
-}
-
-impl<const N: usize> Uniforms for Prefixed<N> {
-    fn uniform(&mut self) -> Real {
-        match self.chosen.get(self.used) {
-            Some(&number) => {
-                self.used += 1;
-                number
-            }
-            None => self.rest.uniform(),
-        }
-    }
 }
 
 #[cfg(test)]

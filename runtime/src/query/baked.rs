@@ -2,9 +2,9 @@
 
 use super::{Answer, Ask, DEFAULT_SAMPLES, Row};
 use crate::backend::{Backend, BakedMaterial};
-use crate::batch::Moments;
 use crate::bsdf::{shifted_r2, usable};
 use crate::error::Result;
+use crate::moments::Moments;
 use crate::native::{NativeBackend, Tier};
 use crate::random::Rng;
 use crate::real::{Real, Vec3};

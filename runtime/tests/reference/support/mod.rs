@@ -7,6 +7,7 @@ pub mod histogram;
 pub mod quadrature;
 pub mod table;
 
+pub use bake_runtime::bsdf::direction;
 use bake_runtime::frame::{Frame, mirror_anchor};
 use glam::DVec3;
 
@@ -14,12 +15,6 @@ use glam::DVec3;
 pub const SIGMAS: f64 = 3.0;
 /// Round-off of a handful of f64 operations whose terms do not cancel.
 pub const ROUND_OFF: f64 = 1e-11;
-
-/// Unit vector of polar angle `theta` and azimuth `phi`, degrees.
-pub fn direction(theta: f64, phi: f64) -> DVec3 {
-    let ((sin, cos), (y, x)) = (theta.to_radians().sin_cos(), phi.to_radians().sin_cos());
-    DVec3::new(sin * x, sin * y, cos)
-}
 
 /// Sums for means of several numbers and their standard errors.
 #[derive(Clone, Debug)]
