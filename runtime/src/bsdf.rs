@@ -87,13 +87,38 @@ pub trait Bsdf: Send + Sync {
     }
 }
 
-/// One slice of a BSDF: see [`Bsdf::slice`].
-pub trait Slice: Send + Sync {
-    /// `f_cos` at `wi`, RGB, sr⁻¹.
-    fn eval(&self, wi: Vec3) -> Vec3;
+/// How the smooth lobe of a [`Slice`] lies relative to its sharp one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rest {
+    /// Where the sharp one is, about as narrow: the higher orders of one rough surface.
+    Alike,
+    /// Over the whole hemisphere: light that entered the material, or a diffuse base.
+    Diffuse,
 }
 
-/// The slice of a model that needs no random numbers.
+/// One slice of a BSDF as a sum of two lobes: see [`Bsdf::slice`].
+///
+/// All values are `f_cos`, RGB, sr⁻¹; both lobes are non-negative.
+pub trait Slice: Send + Sync {
+    /// The lobe that may be narrow: exact, cheap, without noise.
+    fn sharp(&self, wi: Vec3) -> Vec3;
+
+    /// The rest; where it has noise, that is common to all directions.
+    fn smooth(&self, wi: Vec3) -> Vec3;
+
+    /// Roughness of the sharp lobe along x and y: how narrow it is.
+    fn alpha(&self) -> [Real; 2];
+
+    /// Where the rest lies.
+    fn rest(&self) -> Rest;
+
+    /// Their sum.
+    fn eval(&self, wi: Vec3) -> Vec3 {
+        self.sharp(wi) + self.smooth(wi)
+    }
+}
+
+/// The slice of a model that needs no random numbers and tells no lobes apart.
 pub(crate) struct DirectSlice<'a, B: Bsdf> {
     /// The model.
     pub bsdf: &'a B,
@@ -102,8 +127,20 @@ pub(crate) struct DirectSlice<'a, B: Bsdf> {
 }
 
 impl<B: Bsdf> Slice for DirectSlice<'_, B> {
-    fn eval(&self, wi: Vec3) -> Vec3 {
+    fn sharp(&self, wi: Vec3) -> Vec3 {
         self.bsdf.eval(self.wo, wi, &mut Rng::new(&[]))
+    }
+
+    fn smooth(&self, _: Vec3) -> Vec3 {
+        Vec3::ZERO
+    }
+
+    fn alpha(&self) -> [Real; 2] {
+        [1.0; 2]
+    }
+
+    fn rest(&self) -> Rest {
+        Rest::Alike
     }
 }
 

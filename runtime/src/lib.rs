@@ -38,7 +38,7 @@ pub mod setting;
 pub mod spec;
 
 pub use backend::{Backend, BakedMaterial};
-pub use bsdf::{Bsdf, BsdfSample, Estimate, Slice};
+pub use bsdf::{Bsdf, BsdfSample, Estimate, Rest, Slice};
 pub use error::{Error, Result};
 pub use family::Family;
 pub use material::Material;

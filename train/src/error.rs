@@ -34,6 +34,12 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
+    /// A density that nothing can be sampled from.
+    #[error("density: {reason}")]
+    Density {
+        /// What is wrong.
+        reason: String,
+    },
     /// A checkpoint or a map shard that cannot be used.
     #[error("{path}: {reason}; delete it to start over")]
     Checkpoint {

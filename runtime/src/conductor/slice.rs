@@ -9,7 +9,7 @@
 use super::Conductor;
 use super::eval::{End, reversal};
 use super::scattering::Scattering;
-use crate::bsdf::{Slice, usable};
+use crate::bsdf::{Rest, Slice, usable};
 use crate::random::{Prefixed, stratified};
 use crate::real::{Real, Vec3};
 
@@ -77,7 +77,21 @@ impl<'a> ConductorSlice<'a> {
 }
 
 impl Slice for ConductorSlice<'_> {
-    fn eval(&self, wi: Vec3) -> Vec3 {
-        self.conductor.single(self.wo, wi) + self.multiple(wi)
+    /// Single scattering.
+    fn sharp(&self, wi: Vec3) -> Vec3 {
+        self.conductor.single(self.wo, wi)
+    }
+
+    /// All higher orders.
+    fn smooth(&self, wi: Vec3) -> Vec3 {
+        self.multiple(wi)
+    }
+
+    fn alpha(&self) -> [Real; 2] {
+        self.conductor.alpha
+    }
+
+    fn rest(&self) -> Rest {
+        Rest::Alike
     }
 }

@@ -8,7 +8,7 @@
 use super::Layered;
 use super::field::Field;
 use super::link::Exit;
-use crate::bsdf::{Slice, shifted_r2, usable};
+use crate::bsdf::{Rest, Slice, shifted_r2, usable};
 use crate::random::Rng;
 use crate::real::{Real, Vec3};
 
@@ -103,7 +103,21 @@ impl<'a> LayeredSlice<'a> {
 }
 
 impl Slice for LayeredSlice<'_> {
-    fn eval(&self, wi: Vec3) -> Vec3 {
-        Vec3::splat(self.layered.reflection(self.wo, wi)) + self.body(wi)
+    /// Light off the interface.
+    fn sharp(&self, wi: Vec3) -> Vec3 {
+        Vec3::splat(self.layered.reflection(self.wo, wi))
+    }
+
+    /// Light that entered the slab.
+    fn smooth(&self, wi: Vec3) -> Vec3 {
+        self.body(wi)
+    }
+
+    fn alpha(&self) -> [Real; 2] {
+        [self.layered.alpha; 2]
+    }
+
+    fn rest(&self) -> Rest {
+        Rest::Diffuse
     }
 }

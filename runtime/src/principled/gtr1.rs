@@ -31,6 +31,11 @@ impl Gtr1 {
         }
     }
 
+    /// The roughness it was made with.
+    pub fn alpha(&self) -> Real {
+        self.alpha2.sqrt()
+    }
+
     /// Density D of the normal along `sum`, which points up, per solid angle and base area, sr⁻¹.
     ///
     /// (α² − 1) / (π ln α² (sin² + α² cos²)), in terms of the slope; ∫ D·cos over the hemisphere is 1.

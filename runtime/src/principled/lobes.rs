@@ -67,8 +67,19 @@ impl Principled {
         if !usable(wo) || !usable(wi) {
             return Vec3::ZERO;
         }
+        let [specular, coat, base] = self.lobes(wo, wi);
+        specular + base + coat
+    }
+
+    /// Main specular lobe, clearcoat and base, RGB, sr⁻¹; both directions are above the horizon.
+    #[inline]
+    pub(super) fn lobes(&self, wo: Vec3, wi: Vec3) -> [Vec3; 3] {
         let half = HalfVector::new(wo, wi, self.alpha);
-        self.specular(wo, wi, &half) + self.base(wo, wi, half.cos) + Vec3::splat(self.coat(wo, wi, half.cos))
+        [
+            self.specular(wo, wi, &half),
+            Vec3::splat(self.coat(wo, wi, half.cos)),
+            self.base(wo, wi, half.cos),
+        ]
     }
 
     /// Main specular lobe: F·D·G1(wo)·G1(wi) / (4 cos θ_o), where G1(w) is cos θ over the projected area.

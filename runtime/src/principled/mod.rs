@@ -8,8 +8,9 @@ mod energy;
 mod gtr1;
 mod lobes;
 mod sampling;
+mod slice;
 
-use crate::bsdf::{Bsdf, BsdfSample, DirectSlice, Slice};
+use crate::bsdf::{Bsdf, BsdfSample, Slice};
 use crate::error::{Result, check};
 use crate::random::Rng;
 use crate::real::consts::FRAC_1_PI;
@@ -17,6 +18,7 @@ use crate::real::{Real, Vec3};
 use gtr1::Gtr1;
 use lobes::Fresnel;
 use sampling::Mixture;
+use slice::PrincipledSlice;
 
 /// Weights of linear RGB in the luminance of Rec. 709, with Mitsuba's digits.
 const LUMINANCE: Vec3 = Vec3::new(0.212671, 0.715160, 0.072169);
@@ -193,6 +195,6 @@ impl Bsdf for Principled {
     }
 
     fn slice(&self, wo: Vec3, _walks: usize, _seed: u64) -> Box<dyn Slice + '_> {
-        Box::new(DirectSlice { bsdf: self, wo })
+        Box::new(PrincipledSlice::new(self, wo))
     }
 }
