@@ -12,6 +12,7 @@ use crate::nn::frame::FrameNetwork;
 use crate::slice::{SliceTable, single_luminance};
 use crate::spline::{EdgeSpline, cell_centre};
 use crate::transport::marginal::MarginalMap;
+use crate::transport::potential::Potential;
 use crate::transport::{frame_fit, monge_ampere};
 use bake_runtime::bsdf::shifted_r2;
 use bake_runtime::conductor::Conductor;
@@ -116,7 +117,7 @@ fn solve(bsdf: &Conductor, wo: [f64; 3], frame: Frame, near: Option<&MappedSlice
                 wo,
                 frame,
                 table,
-                map: narrow(transport.map),
+                map: narrow(images(&transport)),
                 potential: transport.potential.iter().map(|&v| v as f32).collect(),
                 constant: transport.constant.abs(),
             },
@@ -130,6 +131,14 @@ fn solve(bsdf: &Conductor, wo: [f64; 3], frame: Frame, near: Option<&MappedSlice
             },
         },
     )
+}
+
+/// Images of the cell centres.
+fn images(transport: &monge_ampere::Transport) -> Vec<[f64; 2]> {
+    let potential = Potential::new(transport.side, &transport.potential);
+    (0..CELLS * CELLS)
+        .map(|k| potential.at(cell_centre(k, CELLS)).image)
+        .collect()
 }
 
 /// The marginal map at every cell centre.

@@ -37,15 +37,26 @@ fn prefilter_line(values: &mut [f64], start: usize, stride: usize, count: usize,
     }
 }
 
+/// Turns values at the nodes of a `cells` × `cells` grid into B-spline coefficients, in place.
+pub fn prefilter(values: &mut [f64], cells: usize) {
+    let mut scratch = vec![0.0; cells];
+    for j in 0..cells {
+        prefilter_line(values, j * cells, 1, cells, &mut scratch);
+    }
+    for i in 0..cells {
+        prefilter_line(values, i, cells, cells, &mut scratch);
+    }
+}
+
 /// Index of node `i` mirrored into `0..m`.
-fn mirror(i: isize, m: usize) -> usize {
+pub fn mirror(i: isize, m: usize) -> usize {
     let m = m as isize;
     let i = i.rem_euclid(2 * m);
     (if i < m { i } else { 2 * m - 1 - i }) as usize
 }
 
-/// Weights and slopes of the four cubic B-splines around a fractional position.
-fn weights(t: f64) -> ([f64; 4], [f64; 4]) {
+/// Weights and slopes of the four cubic B-splines around the fractional position `t` in [0, 1].
+pub fn weights(t: f64) -> ([f64; 4], [f64; 4]) {
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);
     let w = [
@@ -58,18 +69,17 @@ fn weights(t: f64) -> ([f64; 4], [f64; 4]) {
     (w, d)
 }
 
+/// Second derivatives of the four cubic B-splines around the fractional position `t` in [0, 1].
+pub fn curvatures(t: f64) -> [f64; 4] {
+    [1.0 - t, 3.0 * t - 2.0, 1.0 - 3.0 * t, t]
+}
+
 impl Spline {
     /// Interpolates `values` (`cells`², row-major, first coordinate fastest).
     pub fn new(values: &[f64], cells: usize) -> Spline {
         assert_eq!(values.len(), cells * cells, "one value per cell");
         let mut c = values.to_vec();
-        let mut scratch = vec![0.0; cells];
-        for j in 0..cells {
-            prefilter_line(&mut c, j * cells, 1, cells, &mut scratch);
-        }
-        for i in 0..cells {
-            prefilter_line(&mut c, i, cells, cells, &mut scratch);
-        }
+        prefilter(&mut c, cells);
         let side = cells + 2 * PAD;
         let node = |k: usize| mirror(k as isize - PAD as isize, cells);
         let coefficients = (0..side * side)

@@ -1,11 +1,13 @@
 //! From a density to the map that carries uniform numbers onto it: the paper's route, the maps it is compared with, and
 //! ours.
 
-pub mod banded;
+
+pub mod dissection;
 pub mod frame_fit;
 pub mod map;
 pub mod marginal;
 pub mod monge_ampere;
+pub mod potential;
 pub mod raster;
 
 use std::fmt;
