@@ -39,7 +39,7 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
         .material
         .conductor()
         .expect("fixed parameters");
-    let truth = Truth::new(&bsdf, wo);
+    let truth = Truth::new(&bsdf, wo).expect("a bright slice");
     let mut backend = NativeBackend::new(material, Tier::best()).expect("the best tier exists");
     let n = 4096;
     let wo = wo.to_array().map(|c| vec![c as f32; n]);
@@ -56,10 +56,10 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
             .expect("equal lengths");
         for i in 0..n {
             let wi = DVec3::new(x[i].into(), y[i].into(), z[i].into());
-            counts[truth.bins.index(wi)] += 1;
+            counts[truth.binned.bins.index(wi)] += 1;
         }
     }
-    (l1(&counts, &truth.mass), truth.binning_floor(BINNING_POINTS))
+    (l1(&counts, &truth.binned.mass), truth.binned.floor(BINNING_POINTS))
 }
 
 #[test]

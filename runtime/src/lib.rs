@@ -8,7 +8,9 @@
 pub mod backend;
 pub mod batch;
 mod binding;
+pub mod boost;
 pub mod bsdf;
+pub mod chart;
 pub mod concentric;
 pub mod conductor;
 pub mod encoding;

@@ -9,12 +9,13 @@ use crate::Tick;
 use crate::database;
 use crate::error::{Error, Result};
 use crate::nn::frame::FrameNetwork;
-use crate::slice::{SliceTable, single_luminance};
+use crate::slice::{Lobe, LobeSlice, SliceTable, WALKS};
 use crate::spline::{EdgeSpline, cell_centre};
 use crate::transport::marginal::MarginalMap;
 use crate::transport::potential::Potential;
-use crate::transport::{frame_fit, monge_ampere};
+use crate::transport::monge_ampere;
 use bake_runtime::bsdf::shifted_r2;
+use bake_runtime::chart::Chart;
 use bake_runtime::conductor::Conductor;
 use bake_runtime::encoding::grazing;
 use bake_runtime::frame::{FRAME_OUTPUTS, Frame, mirror_anchor};
@@ -29,6 +30,9 @@ pub const CELLS: usize = 64;
 /// Share of a uniform density mixed into what transport sees: keeps the map's derivative bounded where the
 /// BSDF vanishes. It only shapes the proposal; weights come from the true model.
 pub const UNIFORM_SHARE: f64 = 0.02;
+
+/// Seed of the walks: every slice uses the same numbers, so that their noise varies smoothly with `wo`.
+const WALK_SEED: u64 = 0;
 
 /// Largest polar angle of a training slice, degrees.
 pub const THETA_MAX_DEG: f64 = 89.9;
@@ -80,9 +84,8 @@ pub fn fit_frames(
         .par_iter()
         .map(|&wo| {
             let anchor = mirror_anchor(wo, bsdf.alpha);
-            let start = Frame::from_outputs([bsdf.alpha[0].ln(), bsdf.alpha[1].ln(), 0.0, 0.0, 0.0], anchor);
-            let direction = DVec3::from_array(wo);
-            let frame = frame_fit::fit(|wi| single_luminance(bsdf, direction, wi), start);
+            // Single scattering decides the frame: one walk will do.
+            let frame = LobeSlice::new(bsdf, DVec3::from_array(wo), 1, 0)?.linear_frame();
             advance(&done, directions.len(), tick)?;
             Ok(frame.to_outputs(anchor))
         })
@@ -100,7 +103,8 @@ fn advance(done: &AtomicU64, total: usize, tick: Tick) -> Result<()> {
 
 /// Solves one slice, warm-started from `near`.
 fn solve(bsdf: &Conductor, wo: [f64; 3], frame: Frame, near: Option<&MappedSlice>) -> Result<MappedSlice> {
-    let table = SliceTable::tabulate(bsdf, DVec3::from_array(wo), &frame, CELLS)?;
+    let slice = LobeSlice::new(bsdf, DVec3::from_array(wo), WALKS, WALK_SEED)?;
+    let table = SliceTable::tabulate(&slice, Lobe::Whole, &Chart::of_frame(frame), CELLS)?;
     let softened: Vec<f64> = table
         .luminance()
         .iter()
@@ -112,7 +116,7 @@ fn solve(bsdf: &Conductor, wo: [f64; 3], frame: Frame, near: Option<&MappedSlice
         .map(|n| n.potential.iter().map(|&v| f64::from(v)).collect());
     let narrow = |map: Vec<[f64; 2]>| map.iter().map(|p| p.map(|v| v.clamp(0.0, 1.0) as f32)).collect();
     Ok(
-        match monge_ampere::solve(&EdgeSpline::new(&logs, CELLS), CELLS, potential.as_deref()) {
+        match monge_ampere::solve(&logs, CELLS, potential.as_deref()) {
             Some(transport) => MappedSlice {
                 wo,
                 frame,

@@ -1,7 +1,7 @@
 //! Histograms of directions in 64 × 64 bins: on the disk, or in the square of a lobe frame where the lobe is
 //! too narrow for the disk.
 
-use bake_runtime::frame::Frame;
+use bake_runtime::chart::Chart;
 use glam::DVec3;
 
 /// Bins per side.
@@ -15,8 +15,8 @@ pub const NARROW_BINS: usize = 400;
 pub enum Bins {
     /// The orthographic disk, [−1, 1]².
     Disk,
-    /// The square of a frame.
-    Square(Frame),
+    /// The square of a chart.
+    Square(Chart),
 }
 
 impl Bins {
@@ -24,7 +24,7 @@ impl Bins {
     pub fn index(&self, w: DVec3) -> usize {
         let [a, b] = match self {
             Bins::Disk => [0.5 * (w.x + 1.0), 0.5 * (w.y + 1.0)],
-            Bins::Square(frame) => frame.direction_to_square(w.to_array()),
+            Bins::Square(chart) => chart.direction_to_square(w.to_array()),
         };
         let cell = |v: f64| ((v * SIDE as f64) as usize).min(SIDE - 1);
         cell(b) * SIDE + cell(a)
@@ -47,9 +47,9 @@ impl Bins {
                     // dω = dx dy / z, and the square [−1, 1]² has area 4.
                     (DVec3::new(x, y, z2.sqrt()), 4.0 / z2.sqrt())
                 }
-                Bins::Square(frame) => {
-                    let (w, jacobian_cos) = frame.square_to_direction(s, [1.0 - s[0], 1.0 - s[1]]);
-                    (DVec3::from_array(w), jacobian_cos / w[2])
+                Bins::Square(chart) => {
+                    let (w, area) = chart.square_to_direction(s);
+                    (DVec3::from_array(w), area)
                 }
             };
             Some(((k / fine / sub) * SIDE + k % fine / sub, w, measure * area))
@@ -105,9 +105,9 @@ mod tests {
     fn a_cosine_lobe_integrates_to_one_in_both_kinds_of_bins() {
         let cosine = |w: DVec3| w.z / std::f64::consts::PI;
         assert!((Bins::Disk.integrate(8, cosine).iter().sum::<f64>() - 1.0).abs() < DISK_TOL);
-        let mass = Bins::Square(Frame::IDENTITY).integrate(4, cosine);
+        let mass = Bins::Square(Chart::IDENTITY).integrate(4, cosine);
         assert!((mass.iter().sum::<f64>() - 1.0).abs() < SQUARE_TOL);
-        assert_eq!(Bins::Square(Frame::IDENTITY).index(DVec3::Z) % SIDE, SIDE / 2);
+        assert_eq!(Bins::Square(Chart::IDENTITY).index(DVec3::Z) % SIDE, SIDE / 2);
         assert!((bins_of_90_percent(&mass) as f64 / (SIDE * SIDE) as f64 - 0.9).abs() < DISK_TOL);
     }
 }

@@ -13,7 +13,7 @@ use bake_runtime::backend::Backend;
 use bake_runtime::bsdf::shifted_r2;
 use bake_runtime::conductor::Conductor;
 use bake_runtime::estimator::exact_weight;
-use bake_runtime::frame::Frame;
+use bake_runtime::chart::Chart;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -23,7 +23,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub const BINNING_POINTS: u64 = 1 << 21;
 /// Random points behind the exact estimators and the χ² test.
 const EXACT_POINTS: usize = 1 << 18;
-/// Points in the frame's square behind the errors of the evaluation and pdf networks.
+/// Points in the chart's square behind the errors of the evaluation and pdf networks.
 const EVAL_POINTS: usize = 1 << 12;
 /// Midpoints per side of a bin when the pdf network is integrated.
 const PDF_SUB: usize = 4;
@@ -152,14 +152,14 @@ fn summarise(rows: &[&Measured]) -> StratumErrors {
 }
 
 fn measure(bsdf: &Conductor, wo: DVec3, backend: &mut dyn Backend, key: u64) -> Result<Measured> {
-    let truth = Truth::new(bsdf, wo);
+    let truth = Truth::new(bsdf, wo)?;
     let mut buffers = Buffers::new(wo);
     let (binning_l1, coverage_loss, learned) = learned_estimator(&truth, backend, &mut buffers)?;
     let exact = exact_estimators(bsdf, &truth, backend, &mut buffers, key)?;
     let (eval_rel_l1, eval_smape, pdf_integral) = densities(&truth, backend, &mut buffers)?;
     Ok(Measured {
         binning_l1,
-        binning_floor: truth.binning_floor(BINNING_POINTS),
+        binning_floor: truth.binned.floor(BINNING_POINTS),
         bias: [learned, exact.bias, exact.bias_baked],
         relvar: exact.relvar,
         weight_max: exact.weight_max,
@@ -190,7 +190,7 @@ fn learned_estimator(
         }
         buffers.sample_learned(backend)?;
         for i in 0..BATCH {
-            counts[truth.bins.index(buffers.wi(i))] += 1;
+            counts[truth.binned.bins.index(buffers.wi(i))] += 1;
             block.add(buffers.rgb(i));
         }
         if (call + 1) % (calls / BLOCKS) == 0 {
@@ -198,14 +198,14 @@ fn learned_estimator(
             block = Moments::default();
         }
     }
-    let total = truth.mass.iter().sum::<f64>();
+    let total = truth.binned.mass.iter().sum::<f64>();
     let lost = counts
         .iter()
-        .zip(&truth.mass)
+        .zip(&truth.binned.mass)
         .filter(|(c, _)| **c == 0)
         .map(|(_, m)| m / total)
         .sum();
-    Ok((l1(&counts, &truth.mass), lost, blocks.bias(truth)))
+    Ok((l1(&counts, &truth.binned.mass), lost, blocks.bias(truth)))
 }
 
 struct Exact {
@@ -241,7 +241,7 @@ fn exact_estimators(
         for (i, &jacobian) in jacobian.iter().enumerate() {
             let jacobian = f64::from(jacobian);
             let wi = buffers.wi(i);
-            counts[truth.bins.index(wi)] += 1;
+            counts[truth.binned.bins.index(wi)] += 1;
             folds += u64::from(jacobian < 0.0);
             let mut walk = Rng::new(&[KEY, key, call as u64, i as u64]);
             let weight = exact_weight(bsdf, truth.wo, wi, jacobian, &mut walk);
@@ -260,7 +260,7 @@ fn exact_estimators(
         relvar: (luminance.square.x / luminance.count - mean * mean) / (mean * mean),
         weight_max,
         fold: folds as f64 / EXACT_POINTS as f64,
-        chi2_effect: chi2_effect(truth.wo, &truth.bins, &counts, backend)?,
+        chi2_effect: chi2_effect(truth.wo, &truth.binned.bins, &counts, backend)?,
         pdf_log_l1: log_l1 / EXACT_POINTS as f64,
     })
 }
@@ -293,22 +293,22 @@ fn chi2_effect(wo: DVec3, bins: &Bins, counts: &[u64], backend: &mut dyn Backend
 }
 
 /// Relative L1 and SMAPE of the evaluation network, and the integral of the pdf network, over the square of the
-/// reference's frame.
+/// reference's chart.
 fn densities(truth: &Truth, backend: &mut dyn Backend, buffers: &mut Buffers) -> Result<(f64, f64, f64)> {
-    let frame: &Frame = &truth.frame;
+    let chart = &truth.chart;
     let (mut error, mut energy, mut smape, mut integral) = (0.0, 0.0, 0.0, 0.0);
     for call in 0..EVAL_POINTS / BATCH {
         let mut measures = Vec::with_capacity(BATCH);
         for i in 0..BATCH {
             let s = shifted_r2((call * BATCH + i) as u64, [0.0; 2]);
-            let (w, jacobian_cos) = frame.square_to_direction(s, [1.0 - s[0], 1.0 - s[1]]);
+            let (w, area) = chart.square_to_direction(s);
             buffers.set_wi(i, DVec3::from_array(w));
-            measures.push(jacobian_cos / w[2]);
+            measures.push(area);
         }
         buffers.eval(backend)?;
         buffers.pdf(backend)?;
         for (i, measure) in measures.iter().enumerate() {
-            let f = truth.f_cos(buffers.wi(i));
+            let f = truth.binned.f_cos(buffers.wi(i));
             let difference = (buffers.rgb(i) - f).abs();
             error += difference.element_sum() * measure;
             energy += f.element_sum() * measure;

@@ -2,6 +2,7 @@
 //! held-out directions that training never saw.
 
 mod batch;
+pub mod binned;
 pub mod bins;
 pub mod cost;
 pub mod heldout;
