@@ -5,11 +5,13 @@
 //! References in f64 (`bake_runtime::Bsdf`) meet the tracer, which is f32, in [`tracer::shader`] alone.
 #![forbid(unsafe_code)]
 
+mod box_filter;
 pub mod camera;
 pub mod environment;
 pub mod error;
 pub mod exr_file;
 pub mod geometry;
+pub mod grey_picture;
 pub mod image;
 mod label;
 pub mod material_file;
@@ -19,6 +21,7 @@ pub mod profile;
 pub mod sampler;
 pub mod scene;
 pub mod scene_file;
+mod sheet;
 pub mod slice_picture;
 pub mod studio;
 mod toml_file;
