@@ -105,7 +105,9 @@ fn from_png(bytes: &[u8]) -> std::result::Result<Rows, png::DecodingError> {
 }
 
 fn from_jpeg(bytes: Vec<u8>) -> std::result::Result<Rows, zune_jpeg::errors::DecodeErrors> {
-    let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::RGB);
+    let options = DecoderOptions::default()
+        .jpeg_set_out_colorspace(ColorSpace::RGB)
+        .set_strict_mode(true);
     let mut decoder = JpegDecoder::new_with_options(Cursor::new(bytes), options);
     let samples = decoder.decode()?;
     let size = decoder

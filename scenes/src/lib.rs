@@ -7,6 +7,7 @@
 
 mod box_filter;
 pub mod camera;
+pub mod entry_picture;
 pub mod environment;
 pub mod error;
 pub mod exr_file;
@@ -14,6 +15,8 @@ pub mod geometry;
 pub mod grey_picture;
 pub mod image;
 mod label;
+pub mod map_picture;
+mod map_tile;
 pub mod material_file;
 pub mod metrics;
 pub mod picture;

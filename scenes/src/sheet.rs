@@ -8,6 +8,9 @@ use std::path::Path;
 /// Pixels between pictures and around them.
 pub const MARGIN: usize = 12;
 
+/// Pixels between lines of text, and between a caption and its picture.
+pub const LEADING: usize = 4;
+
 /// Codes of the paper, of text, and of text that can be overlooked.
 pub const PAPER: [u8; 3] = [28, 29, 31];
 pub const INK: [u8; 3] = [226, 228, 232];
@@ -54,7 +57,34 @@ impl Sheet {
         });
     }
 
-    /// Lays down a square of codes, `side`², row by row from its top left corner at `corner`.
+    /// Makes it at least `height` high.
+    pub fn extend(&mut self, height: usize) {
+        if height > self.height {
+            self.height = height;
+            let missing = self.width * height - self.codes.len() / 3;
+            self.codes.extend(PAPER.repeat(missing));
+        }
+    }
+
+    /// Writes `text` into a column `room` pixels wide, in as many lines as it takes, and gives the row below the last.
+    pub fn paragraph(
+        &mut self,
+        corner: [usize; 2],
+        room: usize,
+        height: usize,
+        ink: [u8; 3],
+        text: &str,
+    ) -> usize {
+        let mut top = corner[1];
+        for line in label::wrap(text, height, room) {
+            self.extend(top + height + LEADING);
+            self.text([corner[0], top], height, ink, &line);
+            top += height + LEADING;
+        }
+        top
+    }
+
+    /// Lays down a square of codes, `side`², row by row from the top, its top left corner at `corner`.
     pub fn tile(&mut self, corner: [usize; 2], side: usize, codes: &[[u8; 3]]) {
         for (k, code) in codes.iter().enumerate() {
             self.put(corner[0] + k % side, corner[1] + k / side, *code);

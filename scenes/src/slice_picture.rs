@@ -147,12 +147,12 @@ fn position(column: usize, row: usize, size: usize) -> [f64; 2] {
 }
 
 /// The code of a linear picture.
-fn linear(rgb: [f32; 3], scale: Scale) -> [u8; 3] {
+pub(crate) fn linear(rgb: [f32; 3], scale: Scale) -> [u8; 3] {
     rgb.map(|v| srgb_code(tone(SHOULDER * v / scale.exposed.max(f32::MIN_POSITIVE), 0.0)))
 }
 
 /// The code of a logarithmic picture: the brightest channel by its logarithm, the hue kept.
-fn logarithmic(rgb: [f32; 3], scale: Scale) -> [u8; 3] {
+pub(crate) fn logarithmic(rgb: [f32; 3], scale: Scale) -> [u8; 3] {
     let brightest = rgb.iter().copied().fold(0.0, f32::max);
     let value = 1.0 + (brightest / scale.peak.max(f32::MIN_POSITIVE)).log10() / scale.decades;
     match value > 0.0 {
@@ -190,7 +190,7 @@ pub fn write_sheet(path: &Path, slices: &[DiskSlice]) -> Result<()> {
 
 impl Sheet {
     /// Draws `slice` with its top left corner at `corner`, its edge and the ring smoothed over a pixel.
-    fn disk(&mut self, corner: [usize; 2], slice: &DiskSlice, code: impl Fn([f32; 3]) -> [u8; 3]) {
+    pub(crate) fn disk(&mut self, corner: [usize; 2], slice: &DiskSlice, code: impl Fn([f32; 3]) -> [u8; 3]) {
         let wo = bake_runtime::bsdf::direction(slice.wo_deg[0], slice.wo_deg[1]);
         let half = slice.size as f32 / 2.0;
         for row in 0..slice.size {

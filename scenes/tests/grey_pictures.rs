@@ -167,11 +167,17 @@ fn files_that_are_no_pictures_are_refused() {
     empty[16..20].fill(0);
     fs::write(&path, &empty).unwrap();
     refused(&path, "not an image this program can use");
+    let noise: Vec<u8> = (0..64 * 64_u32)
+        .map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8)
+        .collect();
     let encoder = Encoder::new_file(&path, 100).unwrap();
-    encoder.encode(&[9; 64], 8, 8, ColorType::Luma).unwrap();
+    encoder.encode(&noise, 64, 64, ColorType::Luma).unwrap();
+    assert_eq!(read_grey(&path).unwrap().values.len(), noise.len());
     let whole = fs::read(&path).unwrap();
-    fs::write(&path, &whole[..30]).unwrap();
-    refused(&path, "not an image this program can use");
+    for length in [30, whole.len() / 2] {
+        fs::write(&path, &whole[..length]).unwrap();
+        refused(&path, "not an image this program can use");
+    }
     // A height of 0, five bytes after the marker of the frame.
     let frame = whole.windows(2).position(|two| two == [0xff, 0xc0]).unwrap();
     let mut flat = whole;
