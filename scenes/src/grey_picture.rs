@@ -6,6 +6,7 @@ use crate::exr_file;
 use std::io::Cursor;
 use std::path::Path;
 use zune_jpeg::JpegDecoder;
+use zune_jpeg::errors::DecodeErrors;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
@@ -16,6 +17,9 @@ const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG: &[u8] = b"\xff\xd8\xff";
 const EXR: &[u8] = b"\x76\x2f\x31\x01";
+
+/// Most pixels that are read: 8192². As f64 they take half a gigabyte.
+const PIXELS_MAX: usize = 1 << 26;
 
 /// A picture by its linear luminance.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,24 +40,22 @@ pub struct GreyPicture {
 /// `R G B`, or `Y`.
 ///
 /// # Errors
-/// [`Error::Io`], or [`Error::ImageFile`] when the file is damaged, of another kind, has no pixels, or has a value that
-/// is negative, infinite or NaN.
+/// [`Error::Io`], or [`Error::ImageFile`] when the file is damaged, of another kind, has no pixels or more than 2²⁶, or
+/// has a value that is negative, infinite or NaN.
 pub fn read_grey(path: &Path) -> Result<GreyPicture> {
     let bytes = std::fs::read(path).map_err(|source| Error::io(path, source))?;
-    let ([width, height], downwards) = if bytes.starts_with(PNG) {
-        from_png(&bytes).map_err(|e| Error::image_file(path, e.to_string()))?
+    let rows = if bytes.starts_with(PNG) {
+        from_png(&bytes)
     } else if bytes.starts_with(JPEG) {
-        from_jpeg(bytes).map_err(|e| Error::image_file(path, e.to_string().trim()))?
+        from_jpeg(bytes)
     } else if bytes.starts_with(EXR) {
         let (size, texels) = exr_file::read_radiance(path)?;
         let values = texels.iter().map(|rgb| luminance(rgb.map(f64::from)));
-        (size, values.collect())
+        check_size(size).map(|()| (size, values.collect()))
     } else {
-        return Err(Error::image_file(path, "it is neither PNG, JPEG nor OpenEXR"));
+        Err("it is neither PNG, JPEG nor OpenEXR".into())
     };
-    if width * height == 0 {
-        return Err(Error::image_file(path, "it has no pixels"));
-    }
+    let ([width, height], downwards) = rows.map_err(|reason| Error::image_file(path, reason))?;
     Ok(GreyPicture {
         width,
         height,
@@ -76,15 +78,17 @@ impl GreyPicture {
     }
 }
 
-/// Width, height and luminances, row by row from the top.
-type Rows = ([usize; 2], Vec<f64>);
+/// Width, height and luminances, row by row from the top; or what is wrong.
+type Rows = std::result::Result<([usize; 2], Vec<f64>), String>;
 
-fn from_png(bytes: &[u8]) -> std::result::Result<Rows, png::DecodingError> {
+fn from_png(bytes: &[u8]) -> Rows {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::EXPAND);
-    let mut reader = decoder.read_info()?;
+    let mut reader = decoder.read_info().map_err(|e| e.to_string())?;
+    let size = [reader.info().width, reader.info().height].map(|v| v as usize);
+    check_size(size)?;
     let mut samples = vec![0; reader.output_buffer_size().unwrap_or(0)];
-    let info = reader.next_frame(&mut samples)?;
+    let info = reader.next_frame(&mut samples).map_err(|e| e.to_string())?;
     samples.truncate(info.buffer_size());
     let coded: Vec<f64> = match info.bit_depth {
         png::BitDepth::Sixteen => {
@@ -101,23 +105,39 @@ fn from_png(bytes: &[u8]) -> std::result::Result<Rows, png::DecodingError> {
             [r, g, b, alpha] => luminance([r, g, b].map(linear)) * alpha,
             _ => linear(pixel[0]),
         });
-    Ok(([info.width as usize, info.height as usize], values.collect()))
+    Ok((size, values.collect()))
 }
 
-fn from_jpeg(bytes: Vec<u8>) -> std::result::Result<Rows, zune_jpeg::errors::DecodeErrors> {
+fn from_jpeg(bytes: Vec<u8>) -> Rows {
+    // What is strict is that the end of the data must not be missing.
     let options = DecoderOptions::default()
         .jpeg_set_out_colorspace(ColorSpace::RGB)
         .set_strict_mode(true);
     let mut decoder = JpegDecoder::new_with_options(Cursor::new(bytes), options);
-    let samples = decoder.decode()?;
+    // The messages of the decoder end in a line break.
+    let reason = |e: DecodeErrors| e.to_string().trim().to_string();
+    decoder.decode_headers().map_err(reason)?;
     let size = decoder
         .dimensions()
         .map_or([0; 2], |(width, height)| [width, height]);
+    check_size(size)?;
+    let samples = decoder.decode().map_err(reason)?;
     let coded = unit(&samples);
     let pixels = coded
         .chunks_exact(3)
         .map(|rgb| luminance([rgb[0], rgb[1], rgb[2]].map(linear)));
     Ok((size, pixels.collect()))
+}
+
+fn check_size(size: [usize; 2]) -> std::result::Result<(), String> {
+    let [width, height] = size;
+    match width.saturating_mul(height) {
+        0 => Err("it has no pixels".into()),
+        1..=PIXELS_MAX => Ok(()),
+        _ => Err(format!(
+            "it has {width} × {height} pixels, more than {PIXELS_MAX}"
+        )),
+    }
 }
 
 /// Codes of 8 bits in [0, 1].

@@ -12,8 +12,8 @@ pub const TILE: usize = 256;
 /// small it is.
 const EXPOSED_MASS: f64 = 0.8;
 
-/// Share of the bins whose difference the common scale spans; the rest takes the colour at its end.
-const SPANNED: f64 = 0.995;
+/// Share of the sum of all differences in bins that the scale of colours spans; the rest takes the colour at its end.
+const SPANNED: f64 = 0.9;
 
 /// Codes of the far ends of differences: too little and too much was drawn there. No difference is paper.
 const LESS: [u8; 3] = [84, 160, 255];
@@ -41,17 +41,21 @@ fn density(mass: &Square<f64>) -> f64 {
     (mass.side * mass.side) as f64
 }
 
+/// The value at or below which `share` of the sum of `values` ≥ 0 lies; 0 when there is none.
+fn level(mut values: Vec<f64>, share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let wanted = share * values.iter().sum::<f64>();
+    let mut below = 0.0;
+    let reached = values.iter().find(|v| {
+        below += **v;
+        below >= wanted
+    });
+    reached.copied().unwrap_or(0.0)
+}
+
 /// The density at which the bright end of pictures begins to bend: [`EXPOSED_MASS`] lies at or below it.
 pub fn exposure(mass: &Square<f64>) -> f64 {
-    let mut sorted = mass.values.clone();
-    sorted.sort_by(f64::total_cmp);
-    let total: f64 = sorted.iter().sum();
-    let mut below = 0.0;
-    let level = sorted.iter().find(|v| {
-        below += **v;
-        below >= EXPOSED_MASS * total
-    });
-    level.map_or(0.0, |v| v * density(mass))
+    level(mass.values.clone(), EXPOSED_MASS) * density(mass)
 }
 
 /// Masses per cell as a grey picture, exposed for the density `exposed`.
@@ -68,15 +72,9 @@ pub fn map(map: &Square<[f32; 2]>) -> Tile {
     x.iter().zip(&y).map(|(x, y)| [code(*x), code(*y), 0]).collect()
 }
 
-/// The size of differences, 0 or more, at which colours end, so that [`SPANNED`] of them lie below.
+/// The size of differences at which colours end, by [`SPANNED`]; 0 when all are.
 pub fn span(differences: impl Iterator<Item = f64>) -> f64 {
-    let mut sizes: Vec<f64> = differences.map(f64::abs).collect();
-    sizes.sort_by(f64::total_cmp);
-    let last = (sizes.len() as f64 * SPANNED) as usize;
-    sizes
-        .get(last.min(sizes.len().saturating_sub(1)))
-        .copied()
-        .unwrap_or(0.0)
+    level(differences.map(f64::abs).collect(), SPANNED)
 }
 
 /// The code of a difference as a share of the span.

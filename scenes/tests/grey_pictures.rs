@@ -167,6 +167,12 @@ fn files_that_are_no_pictures_are_refused() {
     empty[16..20].fill(0);
     fs::write(&path, &empty).unwrap();
     refused(&path, "not an image this program can use");
+    // A head that promises 65 536² pixels.
+    let huge = fs::File::create(&path).unwrap();
+    let mut head = png::Encoder::new(huge, 1 << 16, 1 << 16).write_header().unwrap();
+    head.write_chunk(png::chunk::IDAT, &[]).unwrap();
+    drop(head);
+    refused(&path, "65536 × 65536 pixels");
     let noise: Vec<u8> = (0..64 * 64_u32)
         .map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8)
         .collect();
