@@ -130,23 +130,41 @@ pub fn read(path: &Path) -> Result<Image> {
 pub fn read_environment(path: &Path) -> Result<Environment> {
     let layer = read_layer(path)?;
     let texels = triples(path, &layer, "", RGB)?;
-    if let Some(i) = texels
-        .iter()
-        .position(|t| t.iter().any(|v| !v.is_finite() || *v < 0.0))
-    {
-        let (x, y) = (i % layer.size.width(), i / layer.size.width());
-        let reason = format!(
-            "texel ({x}, {y}) is {:?}, but radiance must be finite and at least 0",
-            texels[i]
-        );
-        return Err(Error::image_file(path, reason));
-    }
+    check_radiance(path, &layer, &texels)?;
     Ok(Environment::new(
         layer.size.width(),
         layer.size.height(),
         texels.into_iter().map(Vec3::from).collect(),
     ))
 }
+
+/// Width, height and the radiance of a picture: its channels `R G B`, or `Y` three times where it has no colours.
+///
+/// # Errors
+/// As [`read_environment`].
+pub(crate) fn read_radiance(path: &Path) -> Result<([usize; 2], Vec<[f32; 3]>)> {
+    let layer = read_layer(path)?;
+    let grey = channel(path, &layer, RGB[0]).is_err() && channel(path, &layer, LUMINANCE).is_ok();
+    let texels = triples(path, &layer, "", if grey { [LUMINANCE; 3] } else { RGB })?;
+    check_radiance(path, &layer, &texels)?;
+    Ok(([layer.size.width(), layer.size.height()], texels))
+}
+
+fn check_radiance(path: &Path, layer: &FlatLayer, texels: &[[f32; 3]]) -> Result<()> {
+    let bad = |t: &[f32; 3]| t.iter().any(|v| !v.is_finite() || *v < 0.0);
+    let Some(i) = texels.iter().position(bad) else {
+        return Ok(());
+    };
+    let (x, y) = (i % layer.size.width(), i / layer.size.width());
+    let reason = format!(
+        "texel ({x}, {y}) is {:?}, but radiance must be finite and at least 0",
+        texels[i]
+    );
+    Err(Error::image_file(path, reason))
+}
+
+/// The channel of pictures without colours.
+const LUMINANCE: &str = "Y";
 
 const RGB: [&str; 3] = ["R", "G", "B"];
 const XYZ: [&str; 3] = ["X", "Y", "Z"];
@@ -237,6 +255,18 @@ mod tests {
         assert_eq!(triples(&path, &layer, "", RGB).unwrap(), pixels);
         let theta = layer.attributes.other.get(&Text::from("theta"));
         assert_eq!(theta, Some(&AttributeValue::Text(Text::from("45"))));
+    }
+
+    #[test]
+    fn pictures_without_colours_hold_one_channel() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("grey.exr");
+        let samples = FlatSamples::F32(vec![0.5, 2.0]);
+        let channels = Channels::from_iter([AnyChannel::new(LUMINANCE, samples)]);
+        write_channels(&path, [2, 1], channels, &BTreeMap::new()).unwrap();
+        assert_eq!(read_radiance(&path).unwrap(), ([2, 1], vec![[0.5; 3], [2.0; 3]]));
+        let lacking = read_environment(&path).unwrap_err().to_string();
+        assert!(lacking.contains("channel `R` is missing"), "{lacking}");
     }
 
     #[test]

@@ -5,13 +5,18 @@
 //! References in f64 (`bake_runtime::Bsdf`) meet the tracer, which is f32, in [`tracer::shader`] alone.
 #![forbid(unsafe_code)]
 
+mod box_filter;
 pub mod camera;
+pub mod entry_picture;
 pub mod environment;
 pub mod error;
 pub mod exr_file;
 pub mod geometry;
+pub mod grey_picture;
 pub mod image;
 mod label;
+pub mod map_picture;
+mod map_tile;
 pub mod material_file;
 pub mod metrics;
 pub mod picture;
@@ -19,6 +24,7 @@ pub mod profile;
 pub mod sampler;
 pub mod scene;
 pub mod scene_file;
+mod sheet;
 pub mod slice_picture;
 pub mod studio;
 mod toml_file;

@@ -7,7 +7,8 @@
 use crate::error::{Error, Result};
 use crate::exr_file;
 use crate::label;
-use crate::picture::{SHOULDER, srgb_code, tone, write_codes};
+use crate::picture::{SHOULDER, srgb_code, tone};
+use crate::sheet::{INK, MARGIN, PAPER, Sheet, mixed};
 use bake_runtime::Bsdf;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -25,13 +26,8 @@ const DARK_SHARE: f64 = 0.01;
 /// Most orders of magnitude of a logarithmic picture: more would leave the lobe itself without contrast.
 const DECADES_MAX: f32 = 8.0;
 
-/// Pixels between pictures and around them.
-const MARGIN: usize = 12;
-
-/// Codes of the sheet, of what is outside the disk, and of the mark at `wo`.
-const PAPER: [u8; 3] = [28, 29, 31];
+/// Code of the mark at `wo`.
 const MARK: [u8; 3] = [96, 165, 250];
-const INK: [u8; 3] = [226, 228, 232];
 
 /// Radius of the ring at `wo`, and half its width, pixels.
 const RING: (f32, f32) = (5.0, 1.2);
@@ -151,12 +147,12 @@ fn position(column: usize, row: usize, size: usize) -> [f64; 2] {
 }
 
 /// The code of a linear picture.
-fn linear(rgb: [f32; 3], scale: Scale) -> [u8; 3] {
+pub(crate) fn linear(rgb: [f32; 3], scale: Scale) -> [u8; 3] {
     rgb.map(|v| srgb_code(tone(SHOULDER * v / scale.exposed.max(f32::MIN_POSITIVE), 0.0)))
 }
 
 /// The code of a logarithmic picture: the brightest channel by its logarithm, the hue kept.
-fn logarithmic(rgb: [f32; 3], scale: Scale) -> [u8; 3] {
+pub(crate) fn logarithmic(rgb: [f32; 3], scale: Scale) -> [u8; 3] {
     let brightest = rgb.iter().copied().fold(0.0, f32::max);
     let value = 1.0 + (brightest / scale.peak.max(f32::MIN_POSITIVE)).log10() / scale.decades;
     match value > 0.0 {
@@ -168,7 +164,7 @@ fn logarithmic(rgb: [f32; 3], scale: Scale) -> [u8; 3] {
 /// Writes a contact sheet, a column per slice under its θ: linear above, logarithmic below, a ring at `wo`.
 ///
 /// # Errors
-/// [`Error::ImageSize`] when slices differ in size; see also [`write_codes`].
+/// [`Error::ImageSize`] when slices differ in size; see also [`crate::picture::write_codes`].
 pub fn write_sheet(path: &Path, slices: &[DiskSlice]) -> Result<()> {
     let size = slices.first().map_or(1, |slice| slice.size);
     if let Some(other) = slices.iter().find(|slice| slice.size != size) {
@@ -184,40 +180,17 @@ pub fn write_sheet(path: &Path, slices: &[DiskSlice]) -> Result<()> {
         let left = MARGIN + i * step;
         let scale = slice.scale();
         let text = format!("θ {}°", slice.wo_deg[0]);
-        let centred = left + size.saturating_sub(label::width(&text)) / 2;
-        label::draw(&text, |x, y| sheet.put(centred + x, MARGIN + y, INK));
+        let centred = left + size.saturating_sub(label::width(&text, label::HEIGHT)) / 2;
+        sheet.text([centred, MARGIN], label::HEIGHT, INK, &text);
         sheet.disk([left, top], slice, |rgb| linear(rgb, scale));
         sheet.disk([left, top + step], slice, |rgb| logarithmic(rgb, scale));
     }
-    write_codes(path, [sheet.width, sheet.height], &sheet.codes)
-}
-
-/// A picture of codes.
-struct Sheet {
-    width: usize,
-    height: usize,
-    codes: Vec<u8>,
+    sheet.write(path)
 }
 
 impl Sheet {
-    fn new(width: usize, height: usize) -> Sheet {
-        Sheet {
-            width,
-            height,
-            codes: PAPER.repeat(width * height),
-        }
-    }
-
-    /// Sets a pixel; one outside the sheet is left out.
-    fn put(&mut self, x: usize, y: usize, code: [u8; 3]) {
-        if x < self.width && y < self.height {
-            let first = 3 * (y * self.width + x);
-            self.codes[first..first + 3].copy_from_slice(&code);
-        }
-    }
-
     /// Draws `slice` with its top left corner at `corner`, its edge and the ring smoothed over a pixel.
-    fn disk(&mut self, corner: [usize; 2], slice: &DiskSlice, code: impl Fn([f32; 3]) -> [u8; 3]) {
+    pub(crate) fn disk(&mut self, corner: [usize; 2], slice: &DiskSlice, code: impl Fn([f32; 3]) -> [u8; 3]) {
         let wo = bake_runtime::bsdf::direction(slice.wo_deg[0], slice.wo_deg[1]);
         let half = slice.size as f32 / 2.0;
         for row in 0..slice.size {
@@ -245,20 +218,6 @@ impl Sheet {
             }
         }
     }
-
-    /// The code of a pixel; outside it is paper.
-    fn at(&self, x: usize, y: usize) -> [u8; 3] {
-        match x < self.width && y < self.height {
-            true => std::array::from_fn(|c| self.codes[3 * (y * self.width + x) + c]),
-            false => PAPER,
-        }
-    }
-}
-
-/// `a` where `share` is 0 or less, `b` where it is 1 or more.
-fn mixed(a: [u8; 3], b: [u8; 3], share: f32) -> [u8; 3] {
-    let share = share.clamp(0.0, 1.0);
-    std::array::from_fn(|c| (f32::from(a[c]) + share * (f32::from(b[c]) - f32::from(a[c]))).round() as u8)
 }
 
 #[cfg(test)]
