@@ -22,6 +22,17 @@ impl Boost {
         cos: 1.0,
     };
 
+    /// The boost with velocity `beta`, |β| < 1.
+    pub fn new(beta: [f64; 2]) -> Boost {
+        let cos = (1.0 - beta[0] * beta[0] - beta[1] * beta[1]).max(0.0).sqrt();
+        Boost { beta, cos }
+    }
+
+    /// The velocity β.
+    pub fn velocity(&self) -> [f64; 2] {
+        self.beta
+    }
+
     /// The boost that carries the normal to the direction of slope `slope` = (x/z, y/z).
     pub fn to_slope(slope: [f64; 2]) -> Boost {
         let cos = 1.0 / (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();

@@ -1,11 +1,13 @@
 //! The bake of one material: frames, maps, and the three networks, with presets for how much work to spend.
 
 use crate::error::Result;
-use crate::maps::{self, MappedSlice};
+use crate::database;
+use crate::maps::{self, Charts, Job, Summary};
 use crate::nn::frame::FrameNetwork;
 use crate::training::data::TrainingSet;
 use crate::training::trainer::Plan;
 use crate::training::{density, sample};
+use crate::transport::Solver;
 use bake_runtime::{BakedMaterial, Material, Network, NetworkSpec, Role};
 use std::path::Path;
 use std::time::Instant;
@@ -88,8 +90,8 @@ pub struct Bake {
     pub train_seconds: f64,
     /// Training samples drawn, over all networks.
     pub samples: u64,
-    /// Slices whose transport fell back to the marginal map, of all: θ_o ≤ 75°, 75–85°, above.
-    pub fallbacks: [(usize, usize); 3],
+    /// How the maps came out.
+    pub maps: Summary,
 }
 
 /// Bakes `material`, keeping checkpoints in `work` and taking up what lies there.
@@ -147,7 +149,17 @@ pub fn bake(
         work,
         &tick(Stage::Frames),
     )?;
-    let slices: Vec<MappedSlice> = maps::compute(&bsdf, &frames, &directions, work, &tick(Stage::Maps))?;
+    let job = Job {
+        material,
+        places: &directions,
+        drawn: "training directions",
+        charts: Charts::Predicted(&frames),
+        solver: Solver::Frame,
+        cells: maps::CELLS,
+        seed,
+    };
+    let summary = maps::compute(&job, work, &tick(Stage::Maps))?;
+    let slices = database::load(work, directions.len(), &job.fingerprint())?;
     let maps_seconds = started.elapsed().as_secs_f64();
 
     let started = Instant::now();
@@ -197,6 +209,6 @@ pub fn bake(
         maps_seconds,
         train_seconds,
         samples: (sample_steps + eval_steps + pdf_steps) * effort.batch as u64,
-        fallbacks: maps::fallbacks(&slices),
+        maps: summary,
     })
 }

@@ -1,71 +1,203 @@
-//! The family of a material: slices over its free inputs, each with its frame, its density table and its
-//! importance map.
+//! The maps of a material: slices over its free inputs, each with its charts, densities and importance maps, in a
+//! database that an interrupted run leaves whole.
 //!
-//! Slices are numbered by a low-discrepancy sequence. Slice k starts its transport from the nearest slice of
-//! the earlier half (indices below the largest power of two ≤ k), so that the tree of warm starts, and with
-//! it every byte of the result, is the same for any number of threads.
+//! Slice k starts its transport from the nearest slice of the earlier half ([`crate::places::parent`]), so that the tree
+//! of warm starts, and with it every byte of the result, is the same for any number of threads.
 
 use crate::Tick;
-use crate::database;
+use crate::database::{self, SHARD_SLICES};
 use crate::error::{Error, Result};
+use crate::lobes::{Lobe, LobeSlice, WALKS};
 use crate::nn::frame::FrameNetwork;
-use crate::slice::{Lobe, LobeSlice, SliceTable, WALKS};
-use crate::spline::{EdgeSpline, cell_centre};
-use crate::transport::marginal::MarginalMap;
-use crate::transport::potential::Potential;
-use crate::transport::monge_ampere;
+use crate::places::{self, Place, THETA_MAX_DEG};
+use crate::transport::frame_map::{self, ChartMap, UNIFORM_SHARE};
+use crate::transport::{Solver, disk_map};
 use bake_runtime::bsdf::shifted_r2;
 use bake_runtime::chart::Chart;
 use bake_runtime::conductor::Conductor;
 use bake_runtime::encoding::grazing;
-use bake_runtime::frame::{FRAME_OUTPUTS, Frame, mirror_anchor};
+use bake_runtime::frame::{FRAME_OUTPUTS, mirror_anchor};
+use bake_runtime::{Family, Material};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Cells per side of the density tables and of the maps (16·2^k, as the solver wants it).
+/// Cells per side of the density tables and of the maps that networks learn (16·2^k, as the solver wants it).
 pub const CELLS: usize = 64;
 
-/// Share of a uniform density mixed into what transport sees: keeps the map's derivative bounded where the
-/// BSDF vanishes. It only shapes the proposal; weights come from the true model.
-pub const UNIFORM_SHARE: f64 = 0.02;
-
 /// Seed of the walks: every slice uses the same numbers, so that their noise varies smoothly with `wo`.
-const WALK_SEED: u64 = 0;
+pub const WALK_SEED: u64 = 0;
 
-/// Largest polar angle of a training slice, degrees.
-pub const THETA_MAX_DEG: f64 = 89.9;
-
-/// Exponent of the draw of θ_o = θ_max·ξ^p: p < 1 puts more slices next to the horizon.
+/// Exponent of the draw of θ_o = θ_max·ξ^p where only `wo` is free: p < 1 puts more slices next to the horizon.
 const THETA_EXPONENT: f64 = 0.7;
 
-/// One slice with its map.
-#[derive(Clone, Debug)]
+/// One slice with its maps.
+#[derive(Clone, Debug, PartialEq)]
 pub struct MappedSlice {
-    /// Camera direction, folded to x, y ≥ 0.
+    /// Values of the material's free scalars.
+    pub parameters: Vec<f64>,
+    /// Camera direction.
     pub wo: [f64; 3],
-    /// The frame that the frame network predicts there.
-    pub frame: Frame,
-    /// The density in the frame's square.
-    pub table: SliceTable,
-    /// Images of the cell centres in the frame's square.
-    pub map: Vec<[f32; 2]>,
-    /// Potential of the transport, in f32 so that a resumed run warm-starts from the same numbers;
-    /// empty where the marginal map stands in.
-    pub potential: Vec<f32>,
-    /// |c| of the solve, 0 for a fallback.
-    pub constant: f64,
+    /// One chart, or the sharp and the smooth lobe's.
+    pub charts: Vec<ChartMap>,
+    /// Error that removing the noise of a stochastic slice costs its density, over its albedo.
+    pub smoothing_error: f64,
 }
 
-/// Directions of `count` training slices, folded to the quadrant x, y ≥ 0.
-pub fn draw_directions(count: usize) -> Vec<[f64; 3]> {
+/// Where the charts of slices come from.
+#[derive(Clone, Copy)]
+pub enum Charts<'a> {
+    /// Fitted to every slice, one or two.
+    Fitted,
+    /// One, without a boost, as the network predicts it.
+    Predicted(&'a FrameNetwork),
+}
+
+/// What is computed.
+#[derive(Clone, Copy)]
+pub struct Job<'a> {
+    /// The material.
+    pub material: &'a Material,
+    /// Where slices are made.
+    pub places: &'a [Place],
+    /// How `places` were drawn, in words; part of the fingerprint.
+    pub drawn: &'a str,
+    /// Where charts come from.
+    pub charts: Charts<'a>,
+    /// How maps are made. All but [`Solver::Frame`] map to positions on [−1, 1]² and know no charts.
+    pub solver: Solver,
+    /// Cells per side of tables and maps, 16·2^k.
+    pub cells: usize,
+    /// Seed of whatever is random in a solver.
+    pub seed: u64,
+}
+
+/// What came out, per stratum θ_o ≤ 75°, 75–85°, above.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Maps.
+    pub maps: usize,
+    /// Maps that fell back to marginal inversion.
+    pub fallbacks: usize,
+    /// Maps onto a softened density.
+    pub softened: usize,
+}
+
+/// What came out.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Summary {
+    /// Per stratum.
+    pub strata: [Counts; 3],
+    /// Slices.
+    pub slices: usize,
+    /// Slices that were computed in this run.
+    pub computed: usize,
+    /// Mean and largest error of removing the noise of stochastic slices.
+    pub smoothing_error: [f64; 2],
+}
+
+impl Summary {
+    fn add(&mut self, slice: &MappedSlice) {
+        let theta = slice.wo[2].acos().to_degrees();
+        let counts = &mut self.strata[usize::from(theta > 75.0) + usize::from(theta > 85.0)];
+        for chart in &slice.charts {
+            counts.maps += 1;
+            counts.fallbacks += usize::from(chart.fallback);
+            counts.softened += usize::from(chart.residuals.softened > 0.0);
+        }
+        let [mean, worst] = self.smoothing_error;
+        self.slices += 1;
+        self.smoothing_error = [
+            mean + (slice.smoothing_error - mean) / self.slices as f64,
+            worst.max(slice.smoothing_error),
+        ];
+    }
+
+    /// Share of maps that fell back, of all.
+    pub fn fallback_share(&self) -> f64 {
+        let sum = |f: fn(&Counts) -> usize| self.strata.iter().map(f).sum::<usize>() as f64;
+        sum(|c| c.fallbacks) / sum(|c| c.maps).max(1.0)
+    }
+}
+
+impl Job<'_> {
+    /// Largest number of charts of a slice: tables have room for them.
+    pub fn charts_max(&self) -> usize {
+        match (self.charts, self.solver, self.material.family) {
+            (Charts::Fitted, Solver::Frame, Family::Layered | Family::Principled) => 2,
+            _ => 1,
+        }
+    }
+
+    /// Everything that the numbers in a shard depend on, as JSON; the number of places does not matter.
+    pub fn fingerprint(&self) -> String {
+        let frames = match self.charts {
+            Charts::Fitted => "fitted".into(),
+            Charts::Predicted(network) => format!("predicted {:016x}", network.hash()),
+        };
+        serde_json::json!({
+            "format": database::FORMAT,
+            "material": self.material,
+            "parameters": self.material.free().into_iter().map(|(name, ..)| name).collect::<Vec<_>>(),
+            "places": self.drawn,
+            "charts": frames,
+            "solver": self.solver.name(),
+            "cells": self.cells,
+            "walks": WALKS,
+            "uniform_share": UNIFORM_SHARE,
+            "seed": self.seed,
+        })
+        .to_string()
+    }
+
+    /// Makes the slice and the maps of place `k`, warm-started from `near`.
+    fn solve(&self, k: usize, near: &[Vec<f32>]) -> Result<MappedSlice> {
+        let Place { parameters, wo, .. } = &self.places[k];
+        let bsdf = self.material.bind(parameters)?;
+        let slice = LobeSlice::new(&bsdf, DVec3::from_array(*wo), WALKS, WALK_SEED)?;
+        let charts = match (self.solver, self.charts) {
+            (Solver::Frame, charts) => {
+                let charts: Vec<(Lobe, Chart)> = match charts {
+                    Charts::Fitted => {
+                        let lobes = slice.charts().into_iter();
+                        lobes.map(|lobe| (lobe, slice.chart(lobe))).collect()
+                    }
+                    Charts::Predicted(network) => vec![(Lobe::Whole, Chart::of_frame(network.predict(*wo)))],
+                };
+                let near: Vec<Option<&[f32]>> = (0..charts.len())
+                    .map(|i| match near.len() == charts.len() {
+                        true => Some(&near[i][..]).filter(|phi| !phi.is_empty()),
+                        false => None,
+                    })
+                    .collect();
+                frame_map::solve(&slice, &charts, self.cells, &near)?
+            }
+            (solver, _) => vec![disk_map::solve(&slice, solver, self.cells, self.seed)?],
+        };
+        let albedo = charts.iter().map(|c| c.table.albedo()).sum();
+        Ok(MappedSlice {
+            parameters: parameters.clone(),
+            wo: *wo,
+            smoothing_error: slice.smoothing_error(albedo),
+            charts,
+        })
+    }
+}
+
+/// Directions of `count` training slices where only `wo` is free, folded to the quadrant x, y ≥ 0.
+pub fn draw_directions(count: usize) -> Vec<Place> {
     (0..count as u64)
         .map(|k| {
             let [a, b] = shifted_r2(k, [0.0; 2]);
             let theta = (THETA_MAX_DEG * a.powf(THETA_EXPONENT)).to_radians();
             let phi = 0.5 * std::f64::consts::PI * b;
-            [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()]
+            let wo = [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()];
+            Place {
+                parameters: Vec::new(),
+                wo,
+                coordinates: grazing(wo).to_vec(),
+            }
         })
         .collect()
 }
@@ -74,20 +206,15 @@ pub fn draw_directions(count: usize) -> Vec<[f64; 3]> {
 ///
 /// # Errors
 /// [`Error::Interrupted`] when `tick` breaks.
-pub fn fit_frames(
-    bsdf: &Conductor,
-    directions: &[[f64; 3]],
-    tick: Tick,
-) -> Result<Vec<[f64; FRAME_OUTPUTS]>> {
+pub fn fit_frames(bsdf: &Conductor, places: &[Place], tick: Tick) -> Result<Vec<[f64; FRAME_OUTPUTS]>> {
     let done = AtomicU64::new(0);
-    directions
+    places
         .par_iter()
-        .map(|&wo| {
-            let anchor = mirror_anchor(wo, bsdf.alpha);
+        .map(|place| {
             // Single scattering decides the frame: one walk will do.
-            let frame = LobeSlice::new(bsdf, DVec3::from_array(wo), 1, 0)?.linear_frame();
-            advance(&done, directions.len(), tick)?;
-            Ok(frame.to_outputs(anchor))
+            let slice = LobeSlice::new(bsdf, DVec3::from_array(place.wo), 1, WALK_SEED)?;
+            advance(&done, places.len(), tick)?;
+            Ok(slice.linear_frame().to_outputs(mirror_anchor(place.wo, bsdf.alpha)))
         })
         .collect()
 }
@@ -101,131 +228,51 @@ fn advance(done: &AtomicU64, total: usize, tick: Tick) -> Result<()> {
     }
 }
 
-/// Solves one slice, warm-started from `near`.
-fn solve(bsdf: &Conductor, wo: [f64; 3], frame: Frame, near: Option<&MappedSlice>) -> Result<MappedSlice> {
-    let slice = LobeSlice::new(bsdf, DVec3::from_array(wo), WALKS, WALK_SEED)?;
-    let table = SliceTable::tabulate(&slice, Lobe::Whole, &Chart::of_frame(frame), CELLS)?;
-    let softened: Vec<f64> = table
-        .luminance()
-        .iter()
-        .map(|q| (1.0 - UNIFORM_SHARE) * q + UNIFORM_SHARE)
-        .collect();
-    let logs: Vec<f64> = softened.iter().map(|q| q.ln()).collect();
-    let potential: Option<Vec<f64>> = near
-        .filter(|n| !n.potential.is_empty())
-        .map(|n| n.potential.iter().map(|&v| f64::from(v)).collect());
-    let narrow = |map: Vec<[f64; 2]>| map.iter().map(|p| p.map(|v| v.clamp(0.0, 1.0) as f32)).collect();
-    Ok(
-        match monge_ampere::solve(&logs, CELLS, potential.as_deref()) {
-            Some(transport) => MappedSlice {
-                wo,
-                frame,
-                table,
-                map: narrow(images(&transport)),
-                potential: transport.potential.iter().map(|&v| v as f32).collect(),
-                constant: transport.constant.abs(),
-            },
-            None => MappedSlice {
-                wo,
-                frame,
-                table,
-                map: narrow(fallback_map(&EdgeSpline::new(&logs, CELLS))),
-                potential: Vec::new(),
-                constant: 0.0,
-            },
-        },
-    )
-}
-
-/// Images of the cell centres.
-fn images(transport: &monge_ampere::Transport) -> Vec<[f64; 2]> {
-    let potential = Potential::new(transport.side, &transport.potential);
-    (0..CELLS * CELLS)
-        .map(|k| potential.at(cell_centre(k, CELLS)).image)
-        .collect()
-}
-
-/// The marginal map at every cell centre.
-fn fallback_map(log_q: &EdgeSpline) -> Vec<[f64; 2]> {
-    let mass: Vec<f64> = (0..CELLS * CELLS)
-        .map(|k| log_q.at(cell_centre(k, CELLS)).0.exp())
-        .collect();
-    let map = MarginalMap::new(&mass, CELLS);
-    (0..CELLS * CELLS)
-        .map(|k| map.at(cell_centre(k, CELLS)))
-        .collect()
-}
-
-/// Index of the slice that slice `k` starts from: the nearest in feature space of the earlier half.
-fn parent(directions: &[[f64; 3]], k: usize) -> Option<usize> {
-    let earlier = if k == 0 { 0 } else { 1 << k.ilog2() };
-    let here = grazing(directions[k]);
-    let distance = |j: &usize| {
-        grazing(directions[*j])
-            .iter()
-            .zip(&here)
-            .map(|(a, b)| (a - b) * (a - b))
-            .sum::<f64>()
-    };
-    (0..earlier).min_by(|a, b| distance(a).total_cmp(&distance(b)))
-}
-
-/// Computes the slices and maps of `directions`, keeping finished shards in `folder` and taking up what is there.
+/// Computes the slices and maps of `job`, keeping finished shards in `folder` and taking up what is there; only
+/// potentials stay in memory.
 ///
 /// # Errors
 /// [`Error::Interrupted`] when `tick` breaks (finished shards stay), [`Error::Slice`] for a slice without energy,
 /// [`Error::Checkpoint`] for a shard that cannot be used.
-pub fn compute(
-    bsdf: &Conductor,
-    frames: &FrameNetwork,
-    directions: &[[f64; 3]],
-    folder: &Path,
-    tick: Tick,
-) -> Result<Vec<MappedSlice>> {
-    let fingerprint = database::fingerprint(bsdf, frames, directions);
-    let mut slices: Vec<MappedSlice> = Vec::with_capacity(directions.len());
+pub fn compute(job: &Job, folder: &Path, tick: Tick) -> Result<Summary> {
+    let fingerprint = job.fingerprint();
+    let total = job.places.len();
+    let mut summary = Summary::default();
+    let mut potentials: Vec<Vec<Vec<f32>>> = Vec::with_capacity(total);
     let done = AtomicU64::new(0);
-    while slices.len() < directions.len() {
-        let shard = slices.len() / database::SHARD_SLICES;
-        let end = ((shard + 1) * database::SHARD_SLICES).min(directions.len());
-        if let Some(stored) = database::load_shard(folder, shard, end - slices.len(), &fingerprint)? {
+    let keep = |slice: &MappedSlice| slice.charts.iter().map(|c| c.potential.clone()).collect();
+    while potentials.len() < total {
+        let first = potentials.len();
+        let shard = first / SHARD_SLICES;
+        let end = ((shard + 1) * SHARD_SLICES).min(total);
+        if let Some(stored) = database::load_shard(folder, shard, end - first, &fingerprint)? {
             done.fetch_add(stored.len() as u64, Ordering::Relaxed);
-            slices.extend(stored);
+            stored.iter().for_each(|slice| summary.add(slice));
+            potentials.extend(stored.iter().map(keep));
             continue;
         }
-        let first = slices.len();
-        while slices.len() < end {
+        let mut slices: Vec<MappedSlice> = Vec::with_capacity(end - first);
+        while potentials.len() < end {
             // Indices up to the next power of two depend only on earlier halves, so they run side by side.
-            let generation = slices.len().max(1).ilog2() + u32::from(!slices.is_empty());
-            let stop = if slices.is_empty() {
-                1
-            } else {
-                (1usize << generation).min(end)
-            };
-            let solved: Result<Vec<MappedSlice>> = (slices.len()..stop)
+            let start = potentials.len();
+            let generation = start.max(1).ilog2() + u32::from(start > 0);
+            let stop = if start == 0 { 1 } else { (1usize << generation).min(end) };
+            let solved: Result<Vec<MappedSlice>> = (start..stop)
                 .into_par_iter()
                 .map(|k| {
-                    let near = parent(directions, k).map(|j| &slices[j]);
-                    let slice = solve(bsdf, directions[k], frames.predict(directions[k]), near)?;
-                    advance(&done, directions.len(), tick)?;
+                    let near = places::parent(job.places, k).map_or(&[][..], |j| &potentials[j]);
+                    let slice = job.solve(k, near)?;
+                    advance(&done, total, tick)?;
                     Ok(slice)
                 })
                 .collect();
-            slices.extend(solved?);
+            let solved = solved?;
+            potentials.extend(solved.iter().map(keep));
+            slices.extend(solved);
         }
-        database::save_shard(folder, shard, &slices[first..], &fingerprint)?;
+        database::save_shard(folder, shard, &slices, job.charts_max(), &fingerprint)?;
+        summary.computed += slices.len();
+        slices.iter().for_each(|slice| summary.add(slice));
     }
-    Ok(slices)
-}
-
-/// How many slices fell back to the marginal map, per stratum θ_o ≤ 75°, 75–85°, above.
-pub fn fallbacks(slices: &[MappedSlice]) -> [(usize, usize); 3] {
-    let mut counts = [(0, 0); 3];
-    for slice in slices {
-        let theta = slice.wo[2].acos().to_degrees();
-        let stratum = usize::from(theta > 75.0) + usize::from(theta > 85.0);
-        counts[stratum].0 += usize::from(slice.potential.is_empty());
-        counts[stratum].1 += 1;
-    }
-    counts
+    Ok(summary)
 }

@@ -126,7 +126,7 @@ pub struct EdgeSpline {
 }
 
 /// Position of the even coordinate `t`: the smoothstep t²(3 − 2t).
-fn crowd(t: f64) -> f64 {
+pub fn crowd(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 

@@ -3,11 +3,13 @@
 use bake_runtime::conductor::Conductor;
 use bake_runtime::network::Dense;
 use bake_runtime::{Family, Material, Network, NetworkSpec, Rng, Role, oracle};
-use bake_train::maps;
+use bake_train::database;
+use bake_train::maps::{self, Charts, Job, MappedSlice};
 use bake_train::nn::frame::FrameNetwork;
 use bake_train::nn::mlp::Mlp;
 use bake_train::training::data::TrainingSet;
 use bake_train::training::sample::warp;
+use bake_train::transport::Solver;
 use std::ops::ControlFlow;
 
 /// f32 through four layers and a sigmoid, against f64.
@@ -46,16 +48,30 @@ fn constant_frames(spec: &NetworkSpec, bsdf: &Conductor) -> FrameNetwork {
     }
 }
 
+/// The first `count` training slices in the frames of `frames`.
+fn mapped(material: &Material, frames: &FrameNetwork, count: usize) -> Vec<MappedSlice> {
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let places = maps::draw_directions(count);
+    let job = Job {
+        material,
+        places: &places,
+        drawn: "training directions",
+        charts: Charts::Predicted(frames),
+        solver: Solver::Frame,
+        cells: maps::CELLS,
+        seed: 1,
+    };
+    maps::compute(&job, folder.path(), &|_, _| ControlFlow::Continue(())).expect("bright slices");
+    database::load(folder.path(), count, &job.fingerprint()).expect("just written")
+}
+
 #[test]
 fn candle_and_the_oracle_agree_on_the_warp() {
     let material = vase();
     let bsdf = material.conductor().expect("fixed parameters");
     let spec = NetworkSpec::warp(Role::Sample, material, bsdf.alpha, vec![32; 4], vec![8]);
     let frames = constant_frames(&spec, &bsdf);
-    let folder = tempfile::tempdir().expect("a temporary folder can be made");
-    let directions = maps::draw_directions(3);
-    let go_on = |_: u64, _: u64| ControlFlow::Continue(());
-    let slices = maps::compute(&bsdf, &frames, &directions, folder.path(), &go_on).expect("bright slices");
+    let slices = mapped(&spec.material, &frames, 3);
     let set = TrainingSet::new(&slices);
 
     let mut rng = Rng::new(&[9]);
@@ -99,10 +115,7 @@ fn maps_carry_edges_to_edges() {
     let bsdf = material.conductor().expect("fixed parameters");
     let spec = NetworkSpec::warp(Role::Sample, material, bsdf.alpha, vec![8], vec![8]);
     let frames = constant_frames(&spec, &bsdf);
-    let folder = tempfile::tempdir().expect("a temporary folder can be made");
-    let go_on = |_: u64, _: u64| ControlFlow::Continue(());
-    let slices = maps::compute(&bsdf, &frames, &maps::draw_directions(2), folder.path(), &go_on)
-        .expect("bright slices");
+    let slices = mapped(&spec.material, &frames, 2);
     let set = TrainingSet::new(&slices);
     for t in [0.1f32, 0.5, 0.9] {
         for (k, _) in slices.iter().enumerate() {

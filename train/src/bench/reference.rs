@@ -4,7 +4,7 @@
 
 use crate::Tick;
 use crate::error::{Error, Result};
-use crate::slice::LUMINANCE;
+use crate::lobes::LUMINANCE;
 use bake_runtime::bsdf::{direction, shifted_r2};
 use bake_runtime::concentric::square_to_hemisphere;
 use bake_runtime::conductor::{CompensatedConductor, Conductor};

@@ -4,7 +4,7 @@
 //! noise. A sharp lobe that is too narrow for midpoints of disk bins is integrated on the lattice of its own chart.
 
 use super::bins::{Bins, NARROW_BINS, SIDE, bins_of_90_percent, l1};
-use crate::slice::{LUMINANCE, direction_at};
+use crate::lobes::{LUMINANCE, direction_at};
 use crate::spline::{edge_cell_centre, edge_cell_weight};
 use crate::transport::marginal::MarginalMap;
 use bake_runtime::Bsdf;
@@ -108,8 +108,8 @@ fn on_lattice(bins: &Bins, chart: &Chart, density: impl Fn(DVec3) -> f64) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::slice::LobeSlice;
-    use crate::slice::Lobe;
+    use crate::lobes::LobeSlice;
+    use crate::lobes::Lobe;
     use bake_runtime::bsdf::direction;
     use bake_runtime::conductor::Conductor;
 

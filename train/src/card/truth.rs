@@ -3,7 +3,7 @@
 
 use super::binned::BinnedSlice;
 use crate::error::Result;
-use crate::slice::{Lobe, LobeSlice};
+use crate::lobes::{Lobe, LobeSlice};
 use crate::spline::{edge_cell_centre, edge_cell_weight};
 use bake_runtime::Rng;
 use bake_runtime::bsdf::shifted_r2;

@@ -3,6 +3,7 @@
 use super::mlp::Mlp;
 use crate::Tick;
 use crate::error::Result;
+use crate::places::Place;
 use crate::training::trainer::{Plan, Trainer};
 use bake_runtime::encoding::{GRAZING_FEATURES, grazing};
 use bake_runtime::frame::{FRAME_OUTPUTS, Frame};
@@ -27,6 +28,14 @@ impl FrameNetwork {
         predict_frame(&self.layers, Activation::Silu, self.anchor_alpha, wo)
     }
 
+    /// A hash of its weights.
+    pub fn hash(&self) -> u64 {
+        let weights = self.layers.iter().flat_map(|l| l.weight.iter().chain(&l.bias));
+        weights.fold(0, |h: u64, w| {
+            h.rotate_left(5).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ u64::from(w.to_bits())
+        })
+    }
+
     /// Trains on `directions` with their fitted `targets`, in the widths that `spec` gives its frame network.
     ///
     /// # Errors
@@ -34,7 +43,7 @@ impl FrameNetwork {
     pub fn train(
         spec: &NetworkSpec,
         plan: Plan,
-        directions: &[[f64; 3]],
+        directions: &[Place],
         targets: &[[f64; FRAME_OUTPUTS]],
         folder: &Path,
         tick: Tick,
@@ -49,7 +58,7 @@ impl FrameNetwork {
         let trainer = Trainer::new(plan, &spec.frame_layers(), folder, &context)?;
         let features: Vec<[f32; GRAZING_FEATURES]> = directions
             .iter()
-            .map(|wo| grazing(*wo).map(|v| v as f32))
+            .map(|place| grazing(place.wo).map(|v| v as f32))
             .collect();
         let mlp = trainer.run(
             |mlp: &Mlp, _, batch, rng| {

@@ -36,27 +36,27 @@ pub struct Batch {
 }
 
 impl TrainingSet {
-    /// Prepares `slices`, sorted by θ_o.
+    /// Prepares `slices`, sorted by θ_o, each of one chart.
     pub fn new(slices: &[MappedSlice]) -> TrainingSet {
         let mut order: Vec<&MappedSlice> = slices.iter().collect();
         order.sort_by(|a, b| b.wo[2].total_cmp(&a.wo[2]));
         let plane = |c: usize| {
             let spline = |s: &&MappedSlice| {
-                let values: Vec<f64> = s.table.log_density[c].iter().map(|&v| f64::from(v)).collect();
-                EdgeSpline::new(&values, s.table.cells)
+                let values: Vec<f64> = s.charts[0].table.log_density[c].iter().map(|&v| f64::from(v)).collect();
+                EdgeSpline::new(&values, s.charts[0].table.cells)
             };
             Arc::new(order.par_iter().map(spline).collect::<Vec<_>>())
         };
         let luminance = |s: &&MappedSlice| {
-            let logs: Vec<f64> = s.table.luminance().iter().map(|q| q.ln()).collect();
-            EdgeSpline::new(&logs, s.table.cells)
+            let logs: Vec<f64> = s.charts[0].table.luminance().iter().map(|q| q.ln()).collect();
+            EdgeSpline::new(&logs, s.charts[0].table.cells)
         };
         TrainingSet {
             log_luminance: Arc::new(order.par_iter().map(luminance).collect()),
             log_density: [plane(0), plane(1), plane(2)],
-            albedo: order.iter().map(|s| s.table.albedo()).collect(),
+            albedo: order.iter().map(|s| s.charts[0].table.albedo()).collect(),
             features: order.iter().map(|s| grazing(s.wo).map(|v| v as f32)).collect(),
-            maps: order.iter().map(|s| s.map.clone()).collect(),
+            maps: order.iter().map(|s| s.charts[0].map.clone()).collect(),
         }
     }
 

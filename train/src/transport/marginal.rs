@@ -2,6 +2,7 @@
 //! It exists for every density, so it stands in where Newton's method fails; it also carries edges to edges.
 
 /// The marginal map onto cell masses.
+#[derive(Clone, Debug)]
 pub struct MarginalMap {
     cells: usize,
     /// Cumulated masses within each row, `cells + 1` per row.
@@ -36,14 +37,22 @@ impl MarginalMap {
 
     /// Image of `u` in the unit square.
     pub fn at(&self, u: [f64; 2]) -> [f64; 2] {
+        self.with_determinant(u).0
+    }
+
+    /// Image of `u` in the unit square, and the determinant of the derivative there, > 0.
+    pub fn with_determinant(&self, u: [f64; 2]) -> ([f64; 2], f64) {
+        let cells = self.cells as f64;
         let invert = |sums: &[f64], u: f64| {
             let target = u * sums[self.cells];
             let cell = sums.partition_point(|s| *s <= target).clamp(1, self.cells) - 1;
-            let t = (target - sums[cell]) / (sums[cell + 1] - sums[cell]);
-            (cell, (cell as f64 + t.clamp(0.0, 1.0)) / self.cells as f64)
+            let mass = sums[cell + 1] - sums[cell];
+            let t = ((target - sums[cell]) / mass).clamp(0.0, 1.0);
+            (cell, (cell as f64 + t) / cells, sums[self.cells] / (mass * cells))
         };
-        let (row, y) = invert(&self.marginal, u[1]);
-        [invert(&self.rows[row], u[0]).1, y]
+        let (row, y, slope_y) = invert(&self.marginal, u[1]);
+        let (_, x, slope_x) = invert(&self.rows[row], u[0]);
+        ([x, y], slope_x * slope_y)
     }
 }
 

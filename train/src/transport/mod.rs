@@ -2,13 +2,17 @@
 //! ours.
 
 
+pub mod continuation;
 pub mod dissection;
 pub mod frame_fit;
+pub mod frame_map;
 pub mod map;
 pub mod marginal;
+pub mod mirror;
 pub mod monge_ampere;
 pub mod potential;
 pub mod raster;
+pub mod smoothing;
 
 use std::fmt;
 

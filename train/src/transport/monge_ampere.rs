@@ -5,37 +5,19 @@
 //! function with an exact Jacobian, which carries every edge of the square onto itself.
 //! Sources: Loeper and Rapetti 2005, *Numerical solution of the Monge–Ampère equation by a Newton's algorithm*;
 //! Benamou, Froese and Oberman 2014 for the transport boundary condition, which on a square mapped to a square
-//! is ∂φ/∂n = 0. For a normalised q the constant c is zero; on a coarse grid Newton can converge to a wrong
-//! solution, and a c away from zero is what gives that away.
+//! is ∂φ/∂n = 0. How a solution is reached from nothing: see [`super::continuation`].
 
 use super::dissection::{Dissection, Row};
-use super::potential::Potential;
-use crate::spline::{EdgeSpline, cell_centre, edge_cell_weight, mirror};
+use crate::spline::{EdgeSpline, cell_centre, mirror};
 use std::sync::OnceLock;
 
-/// A solve whose |c| exceeds this is rejected.
-pub const CONSTANT_MAX: f64 = 0.05;
-/// Root mean square residual at which Newton's method has converged on the target density.
-const CONVERGED: f64 = 1e-5;
-/// Residual that is still accepted when the line search stalls: 0.1 % of the density.
-const ACCEPTED: f64 = 1e-3;
-/// Residual at which a problem on the way is left for the next one.
-const PASSED: f64 = 1e-2;
-/// Grid side of a cold start; doubled until the asked-for side is reached.
-pub const COARSEST: usize = 16;
-/// Blur of the density on a coarse grid, in cells of that grid: what a cell cannot see must not pull at it.
-const BLUR: f64 = 0.7;
-/// First share of the way from one density to the next on a coarse grid's first problem, where nothing is known yet.
-const FIRST_SHARE: f64 = 0.25;
-/// Smallest share of that way worth trying.
-const SMALLEST_SHARE: f64 = 1.0 / 64.0;
 /// Newton steps allowed for one problem.
 const STEPS: usize = 14;
 /// Shortest step the line search tries.
 const SHORTEST_STEP: f64 = 1e-2;
 
-/// A solved map.
-#[derive(Clone, Debug)]
+/// A potential that solves the equation for some density.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Transport {
     /// Cells per side.
     pub side: usize,
@@ -47,6 +29,19 @@ pub struct Transport {
     pub residual: f64,
     /// Newton steps taken, over all grids.
     pub steps: usize,
+}
+
+impl Transport {
+    /// A start from these coefficients, `side`².
+    pub fn start(side: usize, potential: Vec<f64>) -> Transport {
+        Transport {
+            side,
+            potential,
+            constant: 0.0,
+            residual: 0.0,
+            steps: 0,
+        }
+    }
 }
 
 /// State of one Newton iterate.
@@ -184,7 +179,7 @@ fn newton_step(iterate: &Iterate, n: usize) -> Option<(Vec<f64>, f64)> {
 
 /// Newton's method for one density from the potential in `state`, until the residual is at most `goal`, or `enough` when
 /// no step makes it smaller.
-fn newton(log_q: &EdgeSpline, state: &Transport, goal: f64, enough: f64) -> Option<Transport> {
+pub fn newton(log_q: &EdgeSpline, state: &Transport, goal: f64, enough: f64) -> Option<Transport> {
     let n = state.side;
     let (mut phi, mut constant) = (state.potential.clone(), state.constant);
     let mut iterate = evaluate(log_q, n, &phi, constant)?;
@@ -222,193 +217,4 @@ fn newton(log_q: &EdgeSpline, state: &Transport, goal: f64, enough: f64) -> Opti
         residual: iterate.rms,
         steps: state.steps + steps,
     })
-}
-
-/// A potential and the density that it belongs to: logarithms on `cells`² crowded cells.
-struct Path {
-    state: Transport,
-    log_q: Vec<f64>,
-    cells: usize,
-}
-
-impl Path {
-    /// Follows the solution to the density `to`, by shares of the way that grow while Newton's method follows and shrink
-    /// when it does not. `false` where it stops short; what it reached stays.
-    fn follow(&mut self, to: &[f64], first: f64, [goal, enough]: [f64; 2]) -> bool {
-        let from = self.log_q.clone();
-        let (mut share, mut advance) = (0.0, first);
-        loop {
-            let next = f64::min(share + advance, 1.0);
-            let blend: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + next * (b - a)).collect();
-            let (goal, enough) = match next >= 1.0 {
-                true => (goal, enough),
-                false => (PASSED, PASSED),
-            };
-            match newton(&EdgeSpline::new(&blend, self.cells), &self.state, goal, enough) {
-                Some(solved) => {
-                    (self.state, self.log_q, share) = (solved, blend, next);
-                    advance *= 2.0;
-                    if next >= 1.0 {
-                        return true;
-                    }
-                }
-                None => {
-                    advance *= 0.5;
-                    if advance < SMALLEST_SHARE {
-                        return false;
-                    }
-                }
-            }
-        }
-    }
-
-    /// Takes the potential to a grid of twice the side.
-    fn refine(&mut self) {
-        let state = &mut self.state;
-        let side = 2 * state.side;
-        state.potential = Potential::new(state.side, &state.potential).resampled(side);
-        state.side = side;
-    }
-}
-
-/// Solves for the map onto exp(`log_q`), normalised, on `cells` per side (16·2^k); `log_q` holds one value per crowded
-/// cell, `cells`².
-///
-/// `near`: coefficients of a neighbouring slice's potential on the same grid, tried first. `None` where Newton's method
-/// fails or ends on a solution whose constant betrays it.
-pub fn solve(log_q: &[f64], cells: usize, near: Option<&[f64]>) -> Option<Transport> {
-    let trusted = |t: &Transport| t.constant.abs() <= CONSTANT_MAX;
-    let start = |side: usize, potential: Vec<f64>| Transport {
-        side,
-        potential,
-        constant: 0.0,
-        residual: 0.0,
-        steps: 0,
-    };
-    let target = EdgeSpline::new(log_q, cells);
-    let warm = near.and_then(|phi| newton(&target, &start(cells, phi.to_vec()), CONVERGED, ACCEPTED));
-    if let Some(transport) = warm.filter(trusted) {
-        return Some(transport);
-    }
-    let mut path = Path {
-        state: start(COARSEST, vec![0.0; COARSEST * COARSEST]),
-        log_q: vec![0.0; cells * cells],
-        cells,
-    };
-    let kappa: f64 = std::env::var("KAPPA").map_or(1.0, |v| v.parse().unwrap());
-    let last: f64 = std::env::var("LAST").map_or(2.0, |v| v.parse().unwrap());
-    let mut first = FIRST_SHARE;
-    loop {
-        // What a coarse grid cannot follow to the end, the next one does.
-        let sigma = BLUR * cells as f64 / path.state.side as f64;
-        let target = soften(&blur(log_q, cells, sigma), cells, kappa * path.state.side as f64);
-        let arrived = path.follow(&target, first, [PASSED; 2]);
-        if std::env::var("TRACE").is_ok() { eprintln!("side {} arrived {arrived} steps {}", path.state.side, path.state.steps); }
-        first = if arrived { 1.0 } else { FIRST_SHARE };
-        if path.state.side == cells {
-            break;
-        }
-        path.refine();
-    }
-    let soft = soften(log_q, cells, last * cells as f64);
-    if std::env::var("TRACE").is_ok() {
-        let area: Vec<f64> = (0..cells * cells).map(|k| edge_cell_weight(k, cells)).collect();
-        let moved: f64 = (0..cells*cells).map(|k| area[k] * (soft[k].exp() - log_q[k].exp()).abs()).sum::<f64>() / (cells*cells) as f64;
-        eprintln!("softened {moved}");
-    }
-    let arrived = path.follow(&soft, first, [CONVERGED, ACCEPTED]);
-        if std::env::var("TRACE").is_ok() { eprintln!("side {} arrived {arrived} steps {} c {}", path.state.side, path.state.steps, path.state.constant); }
-    Some(path.state).filter(|state| arrived && trusted(state))
-}
-
-/// Raises the density exp(`log_q`) where it falls faster than a grid of images can follow: with r = q^(−1/2), which is
-/// the distance between images in cells, |∇r| ≤ `limit`/2. Normalised again.
-fn soften(log_q: &[f64], cells: usize, limit: f64) -> Vec<f64> {
-    let place: Vec<f64> = (0..cells).map(|i| crate::spline::edge_cell_centre(i, cells)[0]).collect();
-    let mut r: Vec<f64> = log_q.iter().map(|l| (-0.5 * l).exp()).collect();
-    let slope = 0.5 * limit;
-    let sweep = |r: &mut Vec<f64>, backward: bool| {
-        let d: isize = if backward { 1 } else { -1 };
-        for step in 0..cells * cells {
-            let k = if backward { cells * cells - 1 - step } else { step };
-            let (i, j) = (k % cells, k / cells);
-            for (di, dj) in [(d, 0), (0, d), (d, d), (-d, d)] {
-                let (x, y) = (i as isize + di, j as isize + dj);
-                if !(0..cells as isize).contains(&x) || !(0..cells as isize).contains(&y) { continue; }
-                let (x, y) = (x as usize, y as usize);
-                let distance = (place[i] - place[x]).hypot(place[j] - place[y]);
-                r[k] = r[k].min(r[y * cells + x] + slope * distance);
-            }
-        }
-    };
-    for _ in 0..2 {
-        sweep(&mut r, false);
-        sweep(&mut r, true);
-    }
-    let area: Vec<f64> = (0..cells * cells).map(|k| edge_cell_weight(k, cells)).collect();
-    let mean = r.iter().zip(&area).map(|(r, a)| a / (r * r)).sum::<f64>() / (cells * cells) as f64;
-    let mean0 = log_q.iter().zip(&area).map(|(l, a)| a * l.exp()).sum::<f64>() / (cells * cells) as f64;
-    r.iter().map(|r| -2.0 * r.ln() - (mean / mean0).ln()).collect()
-}
-
-/// Logarithm of the density exp(`log_q`) blurred by a Gaussian of standard deviation `sigma` cells of the crowded grid,
-/// mirrored at the edges; masses of cells count, so nothing is lost.
-fn blur(log_q: &[f64], cells: usize, sigma: f64) -> Vec<f64> {
-    let reach = (3.0 * sigma).ceil() as isize;
-    let kernel: Vec<f64> = (-reach..=reach)
-        .map(|d| (-0.5 * (d as f64 / sigma).powi(2)).exp())
-        .collect();
-    let along = |values: &[f64], start: usize, stride: usize, out: &mut [f64]| {
-        for i in 0..cells {
-            out[start + i * stride] = (-reach..=reach)
-                .zip(&kernel)
-                .map(|(d, w)| w * values[start + mirror(i as isize + d, cells) * stride])
-                .sum();
-        }
-    };
-    let pass = |values: &[f64]| {
-        let (mut rows, mut columns) = (vec![0.0; values.len()], vec![0.0; values.len()]);
-        (0..cells).for_each(|j| along(values, j * cells, 1, &mut rows));
-        (0..cells).for_each(|i| along(&rows, i, cells, &mut columns));
-        columns
-    };
-    let area: Vec<f64> = (0..cells * cells).map(|k| edge_cell_weight(k, cells)).collect();
-    let mass: Vec<f64> = log_q.iter().zip(&area).map(|(l, a)| l.exp() * a).collect();
-    let ratio = pass(&mass).into_iter().zip(pass(&area)).map(|(m, a)| (m / a).ln());
-    ratio.collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::spline::edge_cell_centre;
-
-    /// Second-order collocation with 32 cells.
-    const CLOSED_FORM_TOL: f64 = 2e-3;
-
-    /// A separable density has the product of one-dimensional inversions as its optimal map.
-    #[test]
-    fn separable_density_gives_the_inversion_of_each_axis() {
-        let n = 32;
-        // q(x) = (1 + x)/1.5 has cdf (x + x²/2)/1.5; its inverse at u is √(1 + 3u) − 1.
-        let log_q: Vec<f64> = (0..n * n)
-            .map(|k| edge_cell_centre(k, n))
-            .map(|s| ((1.0 + s[0]) * (2.0 - s[1]) / 2.25).ln())
-            .collect();
-        let t = solve(&log_q, n, None).expect("a smooth density");
-        assert!(t.constant.abs() < CLOSED_FORM_TOL);
-        let map = Potential::new(n, &t.potential);
-        for k in 0..n * n {
-            let u = cell_centre(k, n);
-            let image = map.at(u).image;
-            let x = (1.0 + 3.0 * u[0]).sqrt() - 1.0;
-            let y = 2.0 - (4.0 - 3.0 * u[1]).sqrt();
-            assert!(
-                (image[0] - x).abs() < CLOSED_FORM_TOL && (image[1] - y).abs() < CLOSED_FORM_TOL,
-                "{image:?} {x} {y}"
-            );
-        }
-        let warm = solve(&log_q, n, Some(&t.potential)).expect("its own solution");
-        assert!(warm.steps <= 1);
-    }
 }
