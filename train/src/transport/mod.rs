@@ -2,10 +2,15 @@
 //! ours.
 
 pub mod banded;
+#[cfg(test)]
+mod densities;
 pub mod frame_fit;
+pub mod hierarchical;
 pub mod map;
 pub mod marginal;
+pub mod measure;
 pub mod monge_ampere;
+pub mod points;
 pub mod raster;
 
 use std::fmt;
