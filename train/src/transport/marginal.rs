@@ -1,6 +1,10 @@
 //! The marginal map: invert the marginal of the second coordinate, then the conditional of the first.
 //! It exists for every density, so it stands in where Newton's method fails; it also carries edges to edges.
 
+use super::map::MapImage;
+use super::points::to_disk;
+use super::raster::Raster;
+
 /// The marginal map onto cell masses.
 #[derive(Clone, Debug)]
 pub struct MarginalMap {
@@ -54,6 +58,12 @@ impl MarginalMap {
         let (_, x, slope_x) = invert(&self.rows[row], u[0]);
         ([x, y], slope_x * slope_y)
     }
+}
+
+/// Image of the marginal map onto `raster` at the centres of `side`² cells.
+pub fn solve(raster: &Raster, side: usize) -> MapImage {
+    let map = MarginalMap::new(&raster.mass, raster.side);
+    MapImage::of(side, |u| to_disk(map.at(u)))
 }
 
 #[cfg(test)]

@@ -1,18 +1,24 @@
 //! From a density to the map that carries uniform numbers onto it: the paper's route, the maps it is compared with, and
 //! ours.
 
-
 pub mod continuation;
+#[cfg(test)]
+mod densities;
+pub mod disk_map;
 pub mod dissection;
 pub mod frame_fit;
 pub mod frame_map;
+pub mod hierarchical;
 pub mod map;
 pub mod marginal;
+pub mod measure;
 pub mod mirror;
 pub mod monge_ampere;
+pub mod points;
 pub mod potential;
 pub mod raster;
 pub mod smoothing;
+pub mod square_map;
 
 use std::fmt;
 
