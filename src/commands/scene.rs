@@ -13,6 +13,7 @@ use bake_runtime::Material;
 use bake_scenes::{Estimator, Image, Method, Scene, picture};
 use bake_train::bake::{Effort, bake};
 use bake_train::card::{Card, TrainingCost};
+use bake_train::maps::Counts;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -121,13 +122,11 @@ fn bake_material(
     stages.finish();
     seconds.maps += baked.maps_seconds;
     seconds.train += baked.train_seconds;
-    let (fallback, slices) = baked
-        .fallbacks
-        .iter()
-        .fold((0, 0), |(a, b), (f, n)| (a + f, b + n));
-    if fallback > 0 {
+    let sum = |f: fn(&Counts) -> usize| baked.maps.strata.iter().map(f).sum::<usize>();
+    let (fallbacks, maps) = (sum(|c| c.fallbacks), sum(|c| c.maps));
+    if fallbacks > 0 {
         output::warn(&format!(
-            "{fallback} of {slices} slices use the marginal map, because transport failed there"
+            "{fallbacks} of {maps} maps are marginal maps, because transport failed there"
         ));
     }
     let clock = Instant::now();
@@ -144,7 +143,7 @@ fn bake_material(
             maps_seconds: baked.maps_seconds,
             samples: baked.samples,
             threads: rayon::current_num_threads(),
-            fallback_maps: baked.fallbacks,
+            fallback_maps: baked.maps.strata.map(|c| (c.fallbacks, c.maps)),
         }),
     };
     let every = if options.quick { check::QUICK_EVERY } else { 1 };

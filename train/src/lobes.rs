@@ -193,6 +193,11 @@ impl<'a> LobeSlice<'a> {
         }
     }
 
+    /// The chart of the sharp lobe; `None` where that is black.
+    pub fn sharp_chart(&self) -> Option<Chart> {
+        self.sharp_chart
+    }
+
     /// The frame fitted to the sharp lobe without a boost, as the networks predict it.
     pub fn linear_frame(&self) -> Frame {
         let alpha = self.slice.alpha();

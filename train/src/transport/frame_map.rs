@@ -2,12 +2,12 @@
 
 use super::continuation::{self, Solved};
 use super::map::ImportanceMap;
-use super::marginal::MarginalMap;
 use super::potential::Potential;
+use super::square_map::SquareMap;
 use crate::error::Result;
 use crate::lobes::{LUMINANCE, Lobe, LobeSlice, direction_at};
 use crate::slice::SliceTable;
-use crate::spline::{cell_centre, crowd, edge_cell_weight};
+use crate::spline::cell_centre;
 use bake_runtime::chart::Chart;
 use glam::DVec3;
 
@@ -58,44 +58,6 @@ impl ChartMap {
         }
         let coefficients: Vec<f64> = self.potential.iter().map(|&c| f64::from(c)).collect();
         SquareMap::Potential(Potential::new(self.table.cells, &coefficients))
-    }
-}
-
-/// A map of the unit square onto itself that keeps its edges.
-#[derive(Clone, Debug)]
-pub enum SquareMap {
-    /// The gradient of a potential.
-    Potential(Potential),
-    /// The marginal map in crowded coordinates.
-    Marginal(MarginalMap),
-}
-
-impl SquareMap {
-    /// The marginal map onto exp(`log_q`), one value per crowded cell.
-    fn marginal(log_q: &[f64], cells: usize) -> SquareMap {
-        let mass: Vec<f64> = log_q
-            .iter()
-            .enumerate()
-            .map(|(k, l)| l.exp() * edge_cell_weight(k, cells))
-            .collect();
-        SquareMap::Marginal(MarginalMap::new(&mass, cells))
-    }
-
-    /// Image of `u` in the square, and the determinant of the map's derivative there.
-    pub fn at(&self, u: [f64; 2]) -> ([f64; 2], f64) {
-        match self {
-            SquareMap::Potential(potential) => {
-                let local = potential.at(u);
-                // Round-off of f32 coefficients may leave the square by a hair.
-                (local.image.map(|v| v.clamp(0.0, 1.0)), local.determinant())
-            }
-            SquareMap::Marginal(map) => {
-                let (t, determinant) = map.with_determinant(u);
-                // Derivative of the smoothstep that crowds the cells.
-                let slope = |t: f64| 6.0 * t * (1.0 - t);
-                (t.map(crowd), determinant * slope(t[0]) * slope(t[1]))
-            }
-        }
     }
 }
 
