@@ -1,17 +1,26 @@
 //! From a density to the map that carries uniform numbers onto it: the paper's route, the maps it is compared with, and
 //! ours.
 
+pub mod assignment;
 pub mod banded;
+pub mod cloud;
 #[cfg(test)]
 mod densities;
 pub mod frame_fit;
 pub mod hierarchical;
+pub mod kantorovich;
 pub mod map;
 pub mod marginal;
 pub mod measure;
 pub mod monge_ampere;
+pub mod permutation;
+pub mod plane;
 pub mod points;
 pub mod raster;
+pub mod sinkhorn;
+pub mod sinkhorn_sliced;
+pub mod sliced;
+pub mod softmin;
 
 use std::fmt;
 
