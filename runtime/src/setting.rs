@@ -49,7 +49,7 @@ impl Scalar {
     }
 
     /// The value of a fixed scalar, or what to say of a free one.
-    pub(crate) fn fixed(self) -> std::result::Result<f64, String> {
+    pub fn fixed(self) -> std::result::Result<f64, String> {
         match (self, self.range()) {
             (_, Some((min, max))) => Err(format!("is free over {min}..{max}, so give it one value")),
             (Scalar::Fixed(value) | Scalar::Free { min: value, .. }, None) => Ok(value),

@@ -1,6 +1,8 @@
 //! From a density to the map that carries uniform numbers onto it: the paper's route, the maps it is compared with, and
 //! ours.
 
+pub mod assignment;
+pub mod cloud;
 pub mod continuation;
 #[cfg(test)]
 mod densities;
@@ -9,15 +11,22 @@ pub mod dissection;
 pub mod frame_fit;
 pub mod frame_map;
 pub mod hierarchical;
+pub mod kantorovich;
 pub mod map;
 pub mod marginal;
 pub mod measure;
 pub mod mirror;
 pub mod monge_ampere;
+pub mod permutation;
+pub mod plane;
 pub mod points;
 pub mod potential;
 pub mod raster;
+pub mod sinkhorn;
+pub mod sinkhorn_sliced;
+pub mod sliced;
 pub mod smoothing;
+pub mod softmin;
 pub mod square_map;
 
 use std::fmt;
