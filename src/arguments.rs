@@ -2,6 +2,7 @@
 
 use bake_runtime::Family;
 use bake_runtime::field::Field;
+use bake_train::transport::Solver;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -77,6 +78,28 @@ pub enum Command {
     /// Files of slices are written by `bake_bsdf.write_slices` in export/python.
     #[command(after_long_help = crate::help::families())]
     Material(MaterialOptions),
+    /// Compute importance maps of a material, look at them, or compare the ways to make them.
+    ///
+    /// A map carries uniform numbers onto one slice of the BSDF; networks learn thousands of them. Slices are drawn from
+    /// the material's free ranges and from all camera directions, and stored with their maps in shards of 128,
+    /// maps-0000.safetensors and so on, each written whole or not at all. Ctrl-C keeps finished shards; `--resume` goes on
+    /// to the same bytes, and to more slices when `--count` grows:
+    ///
+    /// bake maps conductor --count 4096 --resume
+    ///
+    /// bake maps conductor --view 0,17
+    ///
+    /// `--view` draws entries: the slice, and for every chart the map (red and green are its two coordinates), what it
+    /// draws, how far that is from the truth, and the weights of its samples. In Python, `bake_bsdf.read_maps` of
+    /// export/python reads the shards.
+    ///
+    /// `--compare` makes all solvers' maps of a grey-scale picture (PNG, JPEG or EXR), or of a material's slices at θ_o 10,
+    /// 45, 75, 85 and 89° and its smallest, middle and largest roughness, and prints what each is judged by:
+    ///
+    /// bake maps --compare lotus.png
+    ///
+    /// bake maps --compare vase --solver marginal,frame
+    Maps(MapsOptions),
     /// Measure what a reference model costs: ns per sample and eval, seconds per slice, beside their noise.
     ///
     /// One thread; a table over roughness and θ_o, of the family and of the baselines beside it: for the conductor,
@@ -165,6 +188,46 @@ pub struct MaterialOptions {
     pub json: bool,
 }
 
+/// Options of `bake maps`.
+#[derive(Debug, Args)]
+pub struct MapsOptions {
+    /// A material file, or the name of one in scenes/materials; for --compare also a picture.
+    pub subject: String,
+    /// Number of slices.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    pub count: u64,
+    /// How maps are made: marginal, hierarchical, sinkhorn_sliced, exact or frame [default: frame; all for --compare].
+    #[arg(long, value_delimiter = ',', value_parser = solver)]
+    pub solver: Vec<Solver>,
+    /// Cells per side of a map, 32, 64, 128 or 256 [default: 64; 64 and 128 for --compare].
+    #[arg(long, value_delimiter = ',', value_parser = cells)]
+    pub cells: Vec<usize>,
+    /// Go on with what an interrupted run left, or add slices to a finished one.
+    #[arg(long, conflicts_with_all = ["view", "compare"])]
+    pub resume: bool,
+    /// Go on although more than 2 % of the maps had to fall back to marginal inversion.
+    #[arg(long)]
+    pub allow_fallbacks: bool,
+    /// Draw these entries of the database instead of computing it.
+    #[arg(long, value_name = "INDEX", value_delimiter = ',', conflicts_with = "compare")]
+    pub view: Vec<usize>,
+    /// Compare solvers on SUBJECT instead of computing a database.
+    #[arg(long)]
+    pub compare: bool,
+    /// A parameter and its value in place of the material's, e.g. alpha=[0.3,0.1]; may be given several times.
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = assignment)]
+    pub set: Vec<(String, Field)>,
+    /// Where shards and pictures go [default: out/maps/NAME].
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Seed of the places and of the solvers that draw numbers.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print the result as one JSON value on standard output: for --compare a list of rows, else an object.
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Options of `bake render`.
 #[derive(Debug, Args)]
 pub struct RenderOptions {
@@ -210,6 +273,18 @@ fn polar_angle(text: &str) -> Result<f64, String> {
     match finite(text) {
         Ok(theta) if (0.0..90.0).contains(&theta) => Ok(theta),
         _ => Err("give an angle in degrees, 0 to below 90".into()),
+    }
+}
+
+fn solver(name: &str) -> Result<Solver, String> {
+    let names = || Solver::ALL.map(Solver::name).join(", ");
+    Solver::find(name).ok_or_else(|| format!("give one of {}", names()))
+}
+
+fn cells(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(cells @ (32 | 64 | 128 | 256)) => Ok(cells),
+        _ => Err("give 32, 64, 128 or 256".into()),
     }
 }
 

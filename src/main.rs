@@ -72,6 +72,7 @@ fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Check(options) => commands::check::run(&options),
         Command::Export(options) => commands::export::run(&options),
         Command::Query(options) => commands::query::run(&options),
+        Command::Maps(options) => commands::maps::run(&options),
         Command::Material(options) => commands::material::run(&options),
         Command::Render(options) => commands::render::run(&options),
         Command::Bench(options) => commands::bench::run(&options),

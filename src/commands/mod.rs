@@ -4,6 +4,7 @@ pub mod bench;
 pub mod check;
 pub mod converged;
 pub mod export;
+pub mod maps;
 pub mod material;
 pub mod query;
 pub mod render;

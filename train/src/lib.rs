@@ -4,6 +4,7 @@
 pub mod bake;
 pub mod bench;
 pub mod card;
+pub mod compare;
 pub mod database;
 pub mod error;
 pub mod lobes;
@@ -16,6 +17,7 @@ pub mod spline;
 mod tensors;
 pub mod training;
 pub mod transport;
+pub mod view;
 
 pub use error::{Error, Result};
 

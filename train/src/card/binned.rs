@@ -8,15 +8,22 @@ use crate::lobes::{LUMINANCE, direction_at};
 use crate::spline::{edge_cell_centre, edge_cell_weight};
 use crate::transport::marginal::MarginalMap;
 use bake_runtime::Bsdf;
-use bake_runtime::bsdf::{Slice, shifted_r2};
+use bake_runtime::bsdf::{Rest, Slice, shifted_r2};
 use bake_runtime::chart::Chart;
 use glam::DVec3;
 
-/// Walks behind the smooth lobe, in two independent halves.
-const WALKS: usize = 1 << 12;
+/// Walks behind the smooth lobe in each of two independent halves: as many as its noise asks for, between these.
+const WALKS: [usize; 2] = [1 << 11, 1 << 15];
+/// How many more walks are tried where noise is too large.
+const MORE: usize = 4;
+/// Binning L1 that the noise of the reference may account for: a quarter of what the best maps score.
+const NOISE_L1: f64 = 1.5e-3;
 /// Midpoints per side of a bin for the sharp lobe and for the smooth one.
 const SHARP_SUB: usize = 12;
 const SMOOTH_SUB: usize = 2;
+/// Nodes per side of the lattice for a smooth lobe in the square of a narrow one, where it is all at the edges: of a
+/// stochastic model, whose every node costs microseconds, and of an exact one.
+const SMOOTH_LATTICE: [usize; 2] = [192, 1024];
 /// Nodes per side of the lattice in the chart of a lobe too narrow for midpoints of disk bins.
 const LATTICE: usize = 1024;
 /// Seeds of the walks, apart from that of the training slices.
@@ -36,32 +43,45 @@ pub struct BinnedSlice<'a> {
 impl<'a> BinnedSlice<'a> {
     /// Bins the slice of `bsdf` at `wo`; `chart` is fitted to its sharp lobe.
     pub fn new(bsdf: &'a dyn Bsdf, wo: DVec3, chart: &Chart) -> BinnedSlice<'a> {
-        let slices = SEEDS.map(|seed| bsdf.slice(wo, WALKS / 2, seed));
-        let luminance = |wi: DVec3| slices[0].sharp(wi).dot(LUMINANCE);
-        let smooth = |bins: &Bins, sub: usize| {
-            [0, 1].map(|h: usize| bins.integrate(sub, |wi| slices[h].smooth(wi).dot(LUMINANCE)))
-        };
+        let mut walks = WALKS[0];
+        loop {
+            let binned = BinnedSlice::with_walks(bsdf, wo, chart, walks);
+            walks *= MORE;
+            if binned.noise_l1 <= NOISE_L1 || walks > WALKS[1] {
+                return binned;
+            }
+        }
+    }
+
+    fn with_walks(bsdf: &'a dyn Bsdf, wo: DVec3, chart: &Chart, walks: usize) -> BinnedSlice<'a> {
+        let slices = SEEDS.map(|seed| bsdf.slice(wo, walks, seed));
+        let stochastic = bsdf.is_stochastic();
+        let sharp = |wi: DVec3| slices[0].sharp(wi).dot(LUMINANCE);
         let sum = |sharp: &[f64], halves: &[Vec<f64>; 2]| -> Vec<f64> {
             (0..SIDE * SIDE)
                 .map(|k| sharp[k] + 0.5 * (halves[0][k] + halves[1][k]))
                 .collect()
         };
-        let mut bins = Bins::Disk;
-        let mut sharp = bins.integrate(SHARP_SUB, luminance);
-        if bins_of_90_percent(&sharp) < NARROW_BINS {
-            sharp = on_lattice(&bins, chart, luminance);
+        let disk = Bins::Disk;
+        let mut on_disk = disk.integrate(SHARP_SUB, sharp);
+        if bins_of_90_percent(&on_disk) < NARROW_BINS {
+            on_disk = on_lattice(&disk, chart, LATTICE, sharp);
         }
-        let sub = match bsdf.is_stochastic() {
-            true => SMOOTH_SUB,
-            false => SHARP_SUB,
-        };
-        let mut halves = smooth(&bins, sub);
-        let mut mass = sum(&sharp, &halves);
+        let sub = if stochastic { SMOOTH_SUB } else { SHARP_SUB };
+        let mut halves =
+            [0, 1].map(|h: usize| disk.integrate(sub, |wi| slices[h].smooth(wi).dot(LUMINANCE)));
+        let (mut bins, mut mass) = (disk, sum(&on_disk, &halves));
         if bins_of_90_percent(&mass) < NARROW_BINS {
             bins = Bins::Square(*chart);
-            sharp = bins.integrate(SHARP_SUB, luminance);
-            halves = smooth(&bins, sub);
-            mass = sum(&sharp, &halves);
+            let nodes = SMOOTH_LATTICE[usize::from(!stochastic)];
+            halves = [0, 1].map(|h: usize| {
+                let smooth = |wi| slices[h].smooth(wi).dot(LUMINANCE);
+                match slices[h].rest() {
+                    Rest::Diffuse => on_lattice(&bins, &Chart::IDENTITY, nodes, smooth),
+                    Rest::Alike => bins.integrate(sub, smooth),
+                }
+            });
+            mass = sum(&bins.integrate(SHARP_SUB, sharp), &halves);
         }
         // Independent halves with errors ±e: their mean has an error of half their difference.
         let pairs = halves[0].iter().zip(&halves[1]);
@@ -94,13 +114,13 @@ impl<'a> BinnedSlice<'a> {
     }
 }
 
-/// Integral of a density over every bin, by nodes that crowd where `chart`'s lobe is.
-fn on_lattice(bins: &Bins, chart: &Chart, density: impl Fn(DVec3) -> f64) -> Vec<f64> {
+/// Integral of a density over every bin, by `side`² nodes that crowd where `chart`'s lobe is.
+fn on_lattice(bins: &Bins, chart: &Chart, side: usize, density: impl Fn(DVec3) -> f64) -> Vec<f64> {
     let mut mass = vec![0.0; SIDE * SIDE];
-    let nodes = LATTICE * LATTICE;
+    let nodes = side * side;
     for k in 0..nodes {
-        let (wi, area) = direction_at(chart, edge_cell_centre(k, LATTICE));
-        mass[bins.index(wi)] += density(wi) * area * edge_cell_weight(k, LATTICE) / nodes as f64;
+        let (wi, area) = direction_at(chart, edge_cell_centre(k, side));
+        mass[bins.index(wi)] += density(wi) * area * edge_cell_weight(k, side) / nodes as f64;
     }
     mass
 }
@@ -122,7 +142,7 @@ mod tests {
         let wo = direction(50.0, 20.0);
         let chart = LobeSlice::new(&bsdf, wo, 64, 0).expect("bright").chart(Lobe::Sharp);
         let density = |wi: DVec3| bsdf.single(wo, wi).x;
-        let (a, b) = (Bins::Disk.integrate(SHARP_SUB, density), on_lattice(&Bins::Disk, &chart, density));
+        let (a, b) = (Bins::Disk.integrate(SHARP_SUB, density), on_lattice(&Bins::Disk, &chart, LATTICE, density));
         let (sum_a, sum_b) = (a.iter().sum::<f64>(), b.iter().sum::<f64>());
         let distance: f64 = a.iter().zip(&b).map(|(a, b)| (a / sum_a - b / sum_b).abs()).sum();
         assert!(distance < LATTICE_TOL, "{distance}");
