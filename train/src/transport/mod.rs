@@ -13,6 +13,7 @@ pub mod map;
 pub mod marginal;
 pub mod measure;
 pub mod monge_ampere;
+mod paths;
 pub mod permutation;
 pub mod plane;
 pub mod points;
