@@ -46,8 +46,8 @@ fn the_cost_is_that_of_the_network_simplex_of_pot() {
         .collect();
     for ((target, slice), theirs) in targets.iter().zip(SLICES).zip(costs_of_pot(&problems)) {
         let cold = assignment::solve(&source, target, None).unwrap_or_else(|e| panic!("{e}"));
-        let plan = sinkhorn::Problem::new(&source, target).solve(|| Ok(()));
-        let [_, start] = plan.expect("nothing breaks").duals;
+        let problem = sinkhorn::Problem::new(&source, target).expect("not empty");
+        let [_, start] = problem.solve(|| Ok(())).expect("nothing breaks").duals;
         let warm = assignment::solve(&source, target, Some(&start)).unwrap_or_else(|e| panic!("{e}"));
         for ours in [cold.cost, warm.cost] {
             assert!(

@@ -8,11 +8,14 @@ use pulp::Arch;
 use std::collections::VecDeque;
 
 use super::kantorovich::c_transform;
+use super::paths::Paths;
 use super::plane::Plane;
 use crate::error::{Error, Result};
 
 /// A row that is displaced this often without finding a free column waits for its augmenting path.
 const REDUCTIONS: usize = 4;
+/// Coordinates and potentials up to this have squares that are finite, so that every search ends.
+const LARGEST: f64 = 1e100;
 /// No column.
 const FREE: usize = usize::MAX;
 
@@ -42,7 +45,7 @@ struct Solver<'a> {
 /// the result up to round-off. Takes O(n²) operations when they are good and O(n³) at worst.
 ///
 /// # Errors
-/// [`Error::Density`] when numbers differ, there are no points, or one of them or a potential is not finite.
+/// [`Error::Density`] when numbers differ, there are no points, or one of them or a potential is not finite or above 10¹⁰⁰.
 pub fn solve(source: &[[f64; 2]], target: &[[f64; 2]], start_duals: Option<&[f64]>) -> Result<Assignment> {
     let n = source.len();
     let potentials = start_duals.map_or(n, <[f64]>::len);
@@ -57,9 +60,9 @@ pub fn solve(source: &[[f64; 2]], target: &[[f64; 2]], start_duals: Option<&[f64
         .chain(target)
         .flatten()
         .chain(start_duals.unwrap_or(&[]));
-    if !numbers.all(|v| v.is_finite()) {
+    if !numbers.all(|v| v.abs() <= LARGEST) {
         return Err(Error::Density {
-            reason: "a point or a potential is not finite".into(),
+            reason: "a point or a potential is not a number of common size".into(),
         });
     }
     let zero = vec![0.0; n];
@@ -138,7 +141,7 @@ impl Solver<'_> {
         paths.closed.fill(0.0);
         paths.tree.clear();
         let mut row = start;
-        // What the reduced costs of this row lie above the distance of its column.
+        // The length of the path to this row, less the row's potential.
         let mut base = -self.plane.smallest(self.source[start]).value;
         let (last, length) = loop {
             let (column, length) =
@@ -166,59 +169,6 @@ impl Solver<'_> {
                 break;
             }
         }
-    }
-}
-
-/// What the search for one path needs, reused by the next.
-struct Paths {
-    /// Shortest distance found so far; infinite for columns of the tree.
-    distance: Vec<f64>,
-    /// Infinite for columns of the tree, 0 for the others.
-    closed: Vec<f64>,
-    /// Row before every column on its path, as wide as a distance.
-    before: Vec<u64>,
-    /// Columns of the tree and their final distances.
-    tree: Vec<(usize, f64)>,
-}
-
-impl Paths {
-    fn new(n: usize) -> Paths {
-        Paths {
-            distance: vec![0.0; n],
-            closed: vec![0.0; n],
-            before: vec![0; n],
-            tree: Vec::new(),
-        }
-    }
-
-    /// Shortens distances by way of `row` at `p`, and finds the nearest column outside the tree.
-    #[inline(always)]
-    fn relax(&mut self, plane: &Plane, p: [f64; 2], row: usize, base: f64) -> (usize, f64) {
-        const LANES: usize = 8;
-        let n = self.distance.len();
-        let (x, y, g) = (&plane.x[..n], &plane.y[..n], &plane.potential[..n]);
-        let (distance, closed, before) = (&mut self.distance[..n], &self.closed[..n], &mut self.before[..n]);
-        let mut nearest = [f64::INFINITY; LANES];
-        let mut visit = |lane: usize, j: usize| {
-            let (a, b) = (p[0] - x[j], p[1] - y[j]);
-            let value = base + (a * a + b * b - g[j]) + closed[j];
-            let shorter = value < distance[j];
-            before[j] = if shorter { row as u64 } else { before[j] };
-            distance[j] = if shorter { value } else { distance[j] };
-            nearest[lane] = nearest[lane].min(distance[j]);
-        };
-        let whole = n - n % LANES;
-        for block in (0..whole).step_by(LANES) {
-            for lane in 0..LANES {
-                visit(lane, block + lane);
-            }
-        }
-        for j in whole..n {
-            visit(j - whole, j);
-        }
-        let length = nearest.iter().copied().fold(f64::INFINITY, f64::min);
-        let column = distance.iter().position(|d| *d == length).unwrap_or(0);
-        (column, length)
     }
 }
 
@@ -358,11 +308,12 @@ mod tests {
     #[test]
     fn what_cannot_be_assigned_is_an_error() {
         let two = source_points(2);
-        let nan = [[f64::NAN; 2]; 4];
+        let (nan, huge) = ([[f64::NAN; 2]; 4], [[1e200; 2]; 4]);
         for (source, target, start) in [
             (&two[..], &two[..3], None),
             (&[], &[], None),
             (&two, &nan, None),
+            (&two, &huge, None),
             (&two, &two, Some(&[0.0; 3][..])),
         ] {
             assert!(matches!(solve(source, target, start), Err(Error::Density { .. })));

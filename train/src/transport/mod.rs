@@ -17,6 +17,7 @@ pub mod marginal;
 pub mod measure;
 pub mod mirror;
 pub mod monge_ampere;
+mod paths;
 pub mod permutation;
 pub mod plane;
 pub mod points;

@@ -10,7 +10,7 @@ use super::assignment;
 use super::cloud::{longer_side, split_at};
 use crate::error::Result;
 
-/// Cells per side of a window. With 8, an even density keeps 2 % of cost that 16 removes.
+/// Cells per side of a window. With 8, an even density keeps 1 % of its cost that 16 removes.
 const WINDOW: usize = 16;
 /// Where the first window ends along x and y, one sweep after the other.
 pub const SHIFTS: [[usize; 2]; 4] = [

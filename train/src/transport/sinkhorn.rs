@@ -3,23 +3,26 @@
 //!
 //! Source: Feydy et al. 2019, *Interpolating between Optimal Transport and MMD using Sinkhorn Divergences* (GeomLoss), for
 //! the averaged symmetric updates, annealing from the diameter and the two scales. Deviations: truncation is rigorous
-//! (see [`super::softmin`]); the last ε follows the spacing of both sets, because it is the product of a step in either that
-//! an exponent changes by; a few more updates at the last ε settle the marginals.
+//! (see [`super::softmin`]), annealing slower, and the last ε is the product of the spacings of both sets and not the
+//! square of one: by that much an exponent changes from neighbour to neighbour, however narrow the targets.
 
 use super::cloud::{CLUSTER, Cloud};
 use super::softmin::{barycentres, softmin};
-use crate::error::Result;
+use crate::error::{Error, Result};
 
-/// Factor of ε from one update to the next; GeomLoss's default scaling of ½ is on √ε.
+/// The first ε: the squared diameter of [−1, 1]².
+const FIRST_EPSILON: f64 = 8.0;
+/// Factor of ε from one update to the next. With ½ the bound of a lobe is 5 % below the cost of 4096 points, with this
+/// 0.07 %, in ten times as many updates; GeomLoss's default is ¼ (½ on √ε).
 const ANNEALING: f64 = 0.95;
 /// ε of the coarse scale's last update over the product of the clusters' sizes.
 const COARSE_EPSILON: f64 = 1.0;
-/// The last ε over the product of the points' spacings.
+/// The last ε over the product of the points' spacings. With 0.25 the bound of an even density is twice as loose.
 const LAST_EPSILON: f64 = 0.05;
-/// Updates at the last ε.
+/// Updates at the last ε, for the marginals to settle.
+const LAST_UPDATES: usize = 8;
 /// Smallest ε, for targets that coincide.
 const EPSILON_MIN: f64 = 1e-12;
-const LAST_UPDATES: usize = 8;
 
 /// Potentials, and where the plan sends the sources.
 #[derive(Clone, Debug)]
@@ -42,11 +45,18 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Transport from `source` to `target`, neither empty.
-    pub fn new(source: &[[f64; 2]], target: &[[f64; 2]]) -> Problem {
+    /// Transport from `source` to `target` on [−1, 1]².
+    ///
+    /// # Errors
+    /// [`Error::Density`] when one of them is empty.
+    pub fn new(source: &[[f64; 2]], target: &[[f64; 2]]) -> Result<Problem> {
+        if source.is_empty() || target.is_empty() {
+            return Err(Error::Density {
+                reason: "there are no points to transport".into(),
+            });
+        }
         let (source, target) = (Cloud::new(source), Cloud::new(target));
-        // Both lie on [−1, 1]².
-        let mut epsilon = 8.0;
+        let mut epsilon = FIRST_EPSILON;
         let size = source.cluster_size() * target.cluster_size();
         let last = (LAST_EPSILON * size / CLUSTER as f64).max(EPSILON_MIN);
         let (mut coarse, mut fine) = (Vec::new(), Vec::new());
@@ -59,12 +69,12 @@ impl Problem {
             epsilon *= ANNEALING;
         }
         fine.extend([last; LAST_UPDATES]);
-        Problem {
+        Ok(Problem {
             source,
             target,
             coarse,
             fine,
-        }
+        })
     }
 
     /// Updates that [`Problem::solve`] makes.
@@ -138,7 +148,7 @@ mod tests {
     fn an_affine_map_is_found_with_a_tight_bound() {
         let source = source_points(32);
         let target: Vec<[f64; 2]> = source.iter().rev().map(|p| affine(*p)).collect();
-        let problem = Problem::new(&source, &target);
+        let problem = Problem::new(&source, &target).expect("not empty");
         let mut steps = 0;
         let solved = problem
             .solve(|| {
@@ -170,12 +180,17 @@ mod tests {
         for n in [1, 2, 5] {
             let source = source_points(n);
             let target = vec![[0.25, -0.5]; n * n];
-            let solved = Problem::new(&source, &target)
-                .solve(|| Ok(()))
-                .expect("nothing breaks");
+            let problem = Problem::new(&source, &target).expect("not empty");
+            let solved = problem.solve(|| Ok(())).expect("nothing breaks");
             for mean in solved.barycentres {
                 assert!((mean[0] - 0.25).abs() < OFFSET_TOL && (mean[1] + 0.5).abs() < OFFSET_TOL);
             }
         }
+    }
+
+    #[test]
+    fn no_points_are_an_error() {
+        let empty = Problem::new(&source_points(2), &[]);
+        assert!(matches!(empty, Err(Error::Density { .. })));
     }
 }

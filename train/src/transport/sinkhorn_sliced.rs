@@ -33,14 +33,9 @@ pub struct Solution {
 /// # Errors
 /// [`Error::Interrupted`] when `tick` breaks; [`Error::Density`] when `side` is 0.
 pub fn solve(raster: &Raster, side: usize, seed: u64, tick: Tick) -> Result<Solution> {
-    if side == 0 {
-        return Err(Error::Density {
-            reason: "a map needs at least one cell".into(),
-        });
-    }
     let source = source_points(side);
     let points = row_column_points(raster, side * side);
-    let problem = sinkhorn::Problem::new(&source, &points);
+    let problem = sinkhorn::Problem::new(&source, &points)?;
     let total = (problem.updates() + sliced::STEPS + permutation::SHIFTS.len()) as u64;
     let mut done = 0;
     let mut step = || {
