@@ -13,7 +13,7 @@ use glam::DVec3;
 
 /// Share of a uniform density mixed into what transport sees: keeps the map's derivative bounded where the
 /// BSDF vanishes. It only shapes the proposal; weights come from the true model.
-pub const UNIFORM_SHARE: f64 = 0.02;
+pub const UNIFORM_SHARE: f64 = 0.005;
 
 /// How well a chart's map solves its equation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -8,6 +8,7 @@
 //! is ∂φ/∂n = 0. How a solution is reached from nothing: see [`super::continuation`].
 
 use super::dissection::{Dissection, Row};
+use super::potential::Potential;
 use crate::spline::{EdgeSpline, cell_centre, mirror};
 use std::sync::OnceLock;
 
@@ -42,6 +43,45 @@ impl Transport {
             steps: 0,
         }
     }
+}
+
+/// The density, and what its variation within cells adds to the equation at their centres.
+#[derive(Clone, Copy)]
+pub struct Problem<'a> {
+    /// ln q.
+    pub log_q: &'a EdgeSpline,
+    /// Per cell, added to log det + log q; nothing where it is empty.
+    pub correction: &'a [f64],
+}
+
+/// Gauss's three points on a cell, from its centre in cells, and their weights.
+const GAUSS: [(f64, f64); 3] = [
+    (-0.387_298_334_620_741_7, 5.0 / 18.0),
+    (0.0, 8.0 / 18.0),
+    (0.387_298_334_620_741_7, 5.0 / 18.0),
+];
+
+/// ln of the mean of det·q over every cell, less ln(det·q) at its centre: with this correction the image of every cell
+/// holds its share of the mass, which is what counts where the density varies within a cell, next to the edges above all.
+pub fn correction(log_q: &EdgeSpline, state: &Transport) -> Vec<f64> {
+    let n = state.side;
+    let map = Potential::new(n, &state.potential);
+    let density = |u: [f64; 2]| {
+        let local = map.at(u);
+        local.determinant().max(0.0) * log_q.at(local.image).0.exp()
+    };
+    (0..n * n)
+        .map(|k| {
+            let centre = cell_centre(k, n);
+            let mut mean = 0.0;
+            for (dx, wx) in GAUSS {
+                for (dy, wy) in GAUSS {
+                    mean += wx * wy * density([centre[0] + dx / n as f64, centre[1] + dy / n as f64]);
+                }
+            }
+            (mean / density(centre)).ln()
+        })
+        .collect()
 }
 
 /// State of one Newton iterate.
@@ -86,7 +126,7 @@ fn derivatives(coefficients: &[f64], n: usize, k: usize) -> [f64; 5] {
 }
 
 /// Evaluates the equation; `None` where the map folds.
-fn evaluate(log_q: &EdgeSpline, n: usize, phi: &[f64], constant: f64) -> Option<Iterate> {
+fn evaluate(problem: &Problem, n: usize, phi: &[f64], constant: f64) -> Option<Iterate> {
     let mut iterate = Iterate {
         residual: Vec::with_capacity(n * n),
         rms: 0.0,
@@ -100,8 +140,9 @@ fn evaluate(log_q: &EdgeSpline, n: usize, phi: &[f64], constant: f64) -> Option<
             return None;
         }
         let centre = cell_centre(k, n);
-        let (value, [gx, gy]) = log_q.at([centre[0] + x, centre[1] + y]);
-        let residual = det.ln() + value - constant;
+        let (value, [gx, gy]) = problem.log_q.at([centre[0] + x, centre[1] + y]);
+        let correction = problem.correction.get(k).copied().unwrap_or(0.0);
+        let residual = det.ln() + value + correction - constant;
         iterate.rms += residual * residual;
         iterate.residual.push(residual);
         iterate.terms.push([a, b, xy, det, gx, gy]);
@@ -179,12 +220,12 @@ fn newton_step(iterate: &Iterate, n: usize) -> Option<(Vec<f64>, f64)> {
 
 /// Newton's method for one density from the potential in `state`, until the residual is at most `goal`, or `enough` when
 /// no step makes it smaller.
-pub fn newton(log_q: &EdgeSpline, state: &Transport, goal: f64, enough: f64) -> Option<Transport> {
+pub fn newton(problem: &Problem, state: &Transport, goal: f64, enough: f64) -> Option<Transport> {
     let n = state.side;
     let (mut phi, mut constant) = (state.potential.clone(), state.constant);
-    let mut iterate = evaluate(log_q, n, &phi, constant)?;
+    let mut iterate = evaluate(problem, n, &phi, constant)?;
     constant += iterate.residual.iter().sum::<f64>() / (n * n) as f64;
-    iterate = evaluate(log_q, n, &phi, constant)?;
+    iterate = evaluate(problem, n, &phi, constant)?;
     let mut steps = 0;
     while iterate.rms > goal && steps < STEPS {
         let Some((step, step_constant)) = newton_step(&iterate, n) else {
@@ -195,7 +236,7 @@ pub fn newton(log_q: &EdgeSpline, state: &Transport, goal: f64, enough: f64) -> 
         let next = loop {
             let trial: Vec<f64> = phi.iter().zip(&step).map(|(p, d)| p + length * d).collect();
             let trial_constant = constant + length * step_constant;
-            match evaluate(log_q, n, &trial, trial_constant) {
+            match evaluate(problem, n, &trial, trial_constant) {
                 Some(e) if e.rms < (1.0 - 0.1 * length) * iterate.rms => {
                     break Some((trial, trial_constant, e));
                 }
