@@ -22,7 +22,7 @@ const CONVERGED: f64 = 1e-5;
 /// The same before the solution is corrected for what the density does within cells.
 const CORRECTABLE: f64 = 1e-3;
 /// Corrections: each one takes about a tenth of the error of the last.
-const CORRECTIONS: usize = 3;
+const CORRECTIONS: usize = 2;
 /// Residual that is still accepted when the line search stalls: 0.1 % of the density.
 const ACCEPTED: f64 = 1e-3;
 /// Residual at which a problem on the way is left for the next one.

@@ -6,6 +6,8 @@
 //! advection well resolved; the caller's line search rejects the step should a system ever be worse than that.
 //! The work grows with the cube of the side, that of a band solver with its fourth power.
 
+use pulp::Arch;
+
 /// Regions of at most this many unknowns are not divided further.
 const LEAF: usize = 24;
 
@@ -183,7 +185,8 @@ impl Dissection {
                         .for_each(|(v, &q)| target[q as usize] += v);
                 }
             }
-            if !eliminate(&mut dense, m, front.own) {
+            // The widest vectors that the machine has.
+            if !Arch::new().dispatch(|| eliminate(&mut dense, m, front.own)) {
                 return false;
             }
             let others = m - front.own;
@@ -200,35 +203,63 @@ impl Dissection {
             factors.push(kept);
         }
         for column in right.iter_mut() {
-            self.substitute(&factors, column);
+            Arch::new().dispatch(|| self.substitute(&factors, column));
         }
         true
     }
 
     /// Forward and backward substitution of one right-hand side.
+    #[inline(always)]
     fn substitute(&self, factors: &[Vec<f64>], column: &mut [f64]) {
+        let mut local = Vec::new();
         for (front, kept) in self.fronts.iter().zip(factors) {
             let (m, own) = (front.unknowns.len(), front.own);
-            let at = |p: usize| front.unknowns[p] as usize;
-            for p in 0..own {
-                let value = column[at(p)];
-                for r in p + 1..own {
-                    column[at(r)] -= kept[r * m + p] * value;
-                }
-                for r in own..m {
-                    column[at(r)] -= kept[own * m + (r - own) * own + p] * value;
-                }
+            front.gather(column, &mut local);
+            for r in 1..own {
+                let (known, rest) = local.split_at_mut(r);
+                rest[0] -= dot(&kept[r * m..r * m + r], known);
             }
+            let (known, others) = local.split_at_mut(own);
+            let below = kept[own * m..].chunks_exact(own);
+            others.iter_mut().zip(below).for_each(|(x, row)| *x -= dot(row, known));
+            let places = front.unknowns.iter().zip(&local);
+            places.for_each(|(k, x)| column[*k as usize] = *x);
         }
         for (front, kept) in self.fronts.iter().zip(factors).rev() {
-            let (m, own) = (front.unknowns.len(), front.own);
-            let at = |p: usize| front.unknowns[p] as usize;
-            for p in (0..own).rev() {
+            let m = front.unknowns.len();
+            front.gather(column, &mut local);
+            for p in (0..front.own).rev() {
                 let row = &kept[p * m..(p + 1) * m];
-                let known: f64 = (p + 1..m).map(|q| row[q] * column[at(q)]).sum();
-                column[at(p)] = (column[at(p)] - known) / row[p];
+                let known = dot(&row[p + 1..], &local[p + 1..]);
+                local[p] = (local[p] - known) / row[p];
             }
+            let places = front.unknowns[..front.own].iter().zip(&local);
+            places.for_each(|(k, x)| column[*k as usize] = *x);
         }
+    }
+}
+
+/// Partial sums of a dot product.
+const SUMS: usize = 8;
+
+/// Σ a·b over the shorter one, in [`SUMS`] partial sums that need not wait for each other.
+#[inline(always)]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let n = a.len().min(b.len());
+    let ((a, a_rest), (b, b_rest)) = (a[..n].as_chunks::<SUMS>(), b[..n].as_chunks::<SUMS>());
+    let mut sums = [0.0; SUMS];
+    for (a, b) in a.iter().zip(b) {
+        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(s, (a, b))| *s += a * b);
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+impl Front {
+    /// The values of its unknowns.
+    fn gather(&self, column: &[f64], local: &mut Vec<f64>) {
+        local.clear();
+        local.extend(self.unknowns.iter().map(|k| column[*k as usize]));
     }
 }
 
@@ -237,6 +268,7 @@ const BLOCK: usize = 4;
 
 /// Eliminates the first `own` unknowns of a dense m × m system in place: L below the diagonal (unit diagonal), U on and
 /// above it, and what is left for the others in the lower right.
+#[inline(always)]
 fn eliminate(dense: &mut [f64], m: usize, own: usize) -> bool {
     let mut first = 0;
     while first < own {
