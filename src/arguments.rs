@@ -214,6 +214,9 @@ pub struct MapsOptions {
     /// Compare solvers on SUBJECT instead of computing a database.
     #[arg(long)]
     pub compare: bool,
+    /// Polar angles of the camera at which a material is compared, degrees.
+    #[arg(long, value_delimiter = ',', default_value = "10,45,75,85,89", value_parser = polar_angle)]
+    pub theta: Vec<f64>,
     /// A parameter and its value in place of the material's, e.g. alpha=[0.3,0.1]; may be given several times.
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = assignment)]
     pub set: Vec<(String, Field)>,

@@ -44,7 +44,7 @@ pub fn run(options: &MapsOptions) -> Result<()> {
         (name, vec![target])
     } else {
         let material = material(options)?;
-        (material.name.clone(), slices_of(&material)?)
+        (material.name.clone(), slices_of(&material, &options.theta)?)
     };
     let folder = folder(options, &name);
     prepare_folder(&folder)?;

@@ -26,9 +26,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 use truth::{BINNING_POINTS, Truth};
 
-/// Polar angles of `wo` at which a material is compared, degrees.
-pub const THETAS_DEG: [f64; 5] = [10.0, 45.0, 75.0, 85.0, 89.0];
-
 /// Azimuth of `wo`, degrees from x, where it matters: neither an axis of the surface nor the middle between two.
 const PHI_DEG: f64 = 30.0;
 
@@ -106,12 +103,12 @@ pub enum Target {
     },
 }
 
-/// The slices that stand for a material: [`THETAS_DEG`] at its smallest, middle and largest roughness, everything else that
-/// is free in the middle of its range.
+/// The slices that stand for a material: the polar angles `thetas_deg` of `wo` at its smallest, middle and largest
+/// roughness, everything else that is free in the middle of its range.
 ///
 /// # Errors
 /// As [`Material::bind`].
-pub fn slices_of(material: &Material) -> Result<Vec<Target>> {
+pub fn slices_of(material: &Material, thetas_deg: &[f64]) -> Result<Vec<Target>> {
     let free = material.free();
     let rough = |label: &str| is_alpha(label) || label == "roughness";
     let shares: &[f64] = match free.iter().any(|(label, ..)| rough(label)) {
@@ -132,7 +129,7 @@ pub fn slices_of(material: &Material) -> Result<Vec<Target>> {
             format!("{word} {value:.3} ")
         });
         let bsdf = material.bind(&values)?;
-        for theta in THETAS_DEG {
+        for &theta in thetas_deg {
             targets.push(Target::Slice {
                 name: format!("{} {}θ {theta}°", material.name, roughness.as_deref().unwrap_or("")),
                 bsdf: Box::new(bsdf.clone()),

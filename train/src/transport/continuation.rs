@@ -15,6 +15,9 @@ use crate::spline::{EdgeSpline, cell_centre};
 pub const CONSTANT_MAX: f64 = 0.05;
 /// A solve that folds on more than this share of the square is rejected.
 pub const FOLDS_MAX: f64 = 1e-4;
+/// A solve that leaves or doubles more than this share of the square is rejected; midpoints see up to a thousandth where
+/// nothing is wrong.
+const UNCOVERED_MAX: f64 = 1e-2;
 /// Places per cell and side at which folds are looked for.
 const FOLD_SUB: usize = 4;
 /// Root mean square residual at which Newton's method has converged on the target density.
@@ -180,7 +183,10 @@ fn guarded(transport: Transport, softened: f64) -> Option<Solved> {
         transport,
         softened,
     };
-    (solved.transport.constant.abs() <= CONSTANT_MAX && solved.folds <= FOLDS_MAX).then_some(solved)
+    let passes = solved.transport.constant.abs() <= CONSTANT_MAX
+        && solved.folds <= FOLDS_MAX
+        && solved.uncovered.abs() <= UNCOVERED_MAX;
+    passes.then_some(solved)
 }
 
 #[cfg(test)]
