@@ -1,6 +1,6 @@
 //! Solvers side by side on a picture, or on the slices of a material.
 
-use super::{folder, material};
+use super::{folder, material, refuse_large_exact};
 use crate::arguments::MapsOptions;
 use crate::commands::prepare_folder;
 use crate::output;
@@ -28,6 +28,15 @@ const SHEET: usize = 5;
 
 /// Runs the comparison.
 pub fn run(options: &MapsOptions) -> Result<()> {
+    let sides = match &options.cells[..] {
+        [] => &SIDES[..],
+        some => some,
+    };
+    refuse_large_exact(&options.solver, sides)?;
+    let solvers = match &options.solver[..] {
+        [] => &Solver::ALL[..],
+        some => some,
+    };
     let path = Path::new(&options.subject);
     let ending = path.extension().and_then(|e| e.to_str()).map(str::to_lowercase);
     let (name, targets) = if ending.is_some_and(|e| PICTURES.contains(&e.as_str())) {
@@ -48,14 +57,6 @@ pub fn run(options: &MapsOptions) -> Result<()> {
     };
     let folder = folder(options, &name);
     prepare_folder(&folder)?;
-    let solvers = match &options.solver[..] {
-        [] => &Solver::ALL[..],
-        some => some,
-    };
-    let sides = match &options.cells[..] {
-        [] => &SIDES[..],
-        some => some,
-    };
     let stages = Stages::new();
     let total = targets.len() as u64;
     let mut comparisons = Vec::new();
