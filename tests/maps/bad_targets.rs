@@ -12,7 +12,14 @@ const SIDE: usize = 16;
 /// Texel that spoils a picture: column 5 of row 3.
 const SPOILED: usize = 3 * SIDE + 5;
 /// What all maps here are made with: small, and by all solvers but the exact one, whose points the others share.
-const QUICK: [&str; 6] = ["--compare", "--cells", "32", "--solver", "marginal,hierarchical,sinkhorn_sliced,frame", "--json"];
+const QUICK: [&str; 6] = [
+    "--compare",
+    "--cells",
+    "32",
+    "--solver",
+    "marginal,hierarchical,sinkhorn_sliced,frame",
+    "--json",
+];
 
 /// Writes an even grey picture in which one texel has `value`.
 fn exr(studio: &Studio, name: &str, value: f32) {
@@ -74,7 +81,10 @@ fn a_picture_with_a_single_pixel() {
                 "slice" => assert_eq!(value, "dot"),
                 "solver" => assert!(value.is_string()),
                 "fallback" => assert!(value.is_null() || value == "marginal", "{row}"),
-                _ => assert!(value.as_f64().is_some_and(f64::is_finite), "{solver}: {key} in {row}"),
+                _ => assert!(
+                    value.as_f64().is_some_and(f64::is_finite),
+                    "{solver}: {key} in {row}"
+                ),
             }
         }
         // Most samples of every map fall into the bins of the dot: half of 2 is nothing.
@@ -86,6 +96,18 @@ fn a_picture_with_a_single_pixel() {
 fn a_dark_picture_is_as_good_as_a_bright_one() {
     let studio = Studio::new();
     png(&studio, "dark.png", 1);
-    let output = run(studio.bake(&["maps", "dark.png", "--compare", "--cells", "32", "--solver", "frame"]));
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = run(studio.bake(&[
+        "maps",
+        "dark.png",
+        "--compare",
+        "--cells",
+        "32",
+        "--solver",
+        "frame",
+    ]));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
 }

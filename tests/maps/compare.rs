@@ -45,9 +45,19 @@ fn assert_rows(rows: &Value, slices: &[String], solvers: &[Solver]) {
         .collect();
     assert_eq!(found, expected);
     for row in rows {
-        let keys: BTreeSet<&str> = row.as_object().expect("an object").keys().map(String::as_str).collect();
+        let keys: BTreeSet<&str> = row
+            .as_object()
+            .expect("an object")
+            .keys()
+            .map(String::as_str)
+            .collect();
         assert_eq!(keys, BTreeSet::from(KEYS), "{row}");
-        let number = |key: &str| row[key].as_f64().filter(|v| v.is_finite()).unwrap_or_else(|| panic!("{key} in {row}"));
+        let number = |key: &str| {
+            row[key]
+                .as_f64()
+                .filter(|v| v.is_finite())
+                .unwrap_or_else(|| panic!("{key} in {row}"))
+        };
         assert_eq!(row["n"], CELLS);
         assert_eq!(row["fallback"], Value::Null, "{row}");
         assert!((0.0..=1.0).contains(&number("fold_fraction")) && (0.0..=1.0).contains(&number("outside")));
@@ -74,7 +84,16 @@ fn write_slope(studio: &Studio) {
 fn rows_of_a_picture() {
     let studio = Studio::new();
     write_slope(&studio);
-    let arguments = ["maps", "slope.png", "--compare", "--cells", "32", "--out", "compared", "--json"];
+    let arguments = [
+        "maps",
+        "slope.png",
+        "--compare",
+        "--cells",
+        "32",
+        "--out",
+        "compared",
+        "--json",
+    ];
     let rows = json(studio.bake(&arguments));
     assert_rows(&rows, &["slope".into()], &Solver::ALL);
     let frame = rows.as_array().and_then(|rows| rows.last()).expect("rows");
@@ -86,7 +105,16 @@ fn rows_of_a_picture() {
 #[test]
 fn rows_of_a_material() {
     let studio = studio();
-    let arguments = ["maps", METAL, "--compare", "--cells", "32", "--set", "roughness=0.5", "--json"];
+    let arguments = [
+        "maps",
+        METAL,
+        "--compare",
+        "--cells",
+        "32",
+        "--set",
+        "roughness=0.5",
+        "--json",
+    ];
     let rows = json(studio.bake(&arguments));
     let slices = THETAS_DEG.map(|theta| format!("metal θ {theta}°"));
     assert_rows(&rows, &slices, &Solver::ALL);
@@ -98,9 +126,23 @@ fn rows_of_a_material() {
 fn a_table_of_some_solvers() {
     let studio = Studio::new();
     write_slope(&studio);
-    let arguments = ["maps", "slope.png", "--compare", "--cells", "32", "--solver", "frame,marginal"];
+    let arguments = [
+        "maps",
+        "slope.png",
+        "--compare",
+        "--cells",
+        "32",
+        "--solver",
+        "frame,marginal",
+    ];
     let table = succeed(studio.bake(&arguments));
     let rows: Vec<&str> = table.lines().filter(|line| line.starts_with("slope")).collect();
-    assert!(rows.len() == 2 && rows[0].contains("frame") && rows[1].contains("marginal"), "{table}");
-    assert!(table.contains("binning") && table.contains("comparison.png"), "{table}");
+    assert!(
+        rows.len() == 2 && rows[0].contains("frame") && rows[1].contains("marginal"),
+        "{table}"
+    );
+    assert!(
+        table.contains("binning") && table.contains("comparison.png"),
+        "{table}"
+    );
 }

@@ -13,7 +13,10 @@ const COUNT: usize = 3;
 /// Makes a database of `material` and draws its first and last entry; what was said of the two.
 fn made_and_seen(studio: &Studio, material: &str, more: &[&str]) -> [Value; 2] {
     let report = json(maps(studio, material, COUNT, &[more, &["--json"]].concat()));
-    assert_eq!((&report["slices"], &report["computed"]), (&COUNT.into(), &COUNT.into()));
+    assert_eq!(
+        (&report["slices"], &report["computed"]),
+        (&COUNT.into(), &COUNT.into())
+    );
     assert_eq!(report["fallback_percent"], 0.0);
     assert_eq!(shards(studio).len(), 1);
     let last = (COUNT - 1).to_string();
@@ -27,7 +30,8 @@ fn made_and_seen(studio: &Studio, material: &str, more: &[&str]) -> [Value; 2] {
         let name = entry["picture"].as_str().expect("a path");
         assert_eq!(name, format!("{OUT}/entry-{index:05}.png"));
         let picture = read_grey(&studio.path(name)).expect("a picture");
-        let [min, max] = [f64::min, f64::max].map(|f| picture.values.iter().copied().reduce(f).expect("pixels"));
+        let [min, max] =
+            [f64::min, f64::max].map(|f| picture.values.iter().copied().reduce(f).expect("pixels"));
         assert!(min < max, "the picture is even");
     }
     viewed.try_into().expect("two entries")
@@ -74,10 +78,14 @@ fn imported() {
     let f = |[gloss, theta]: [f64; 2], [x, y, _]: [f64; 3]| {
         [(1.0 + gloss) * (2.0 - x), (1.0 + theta / 90.0) * (2.0 + y), 3.0].map(|f| 0.1 * FRAC_1_PI * f)
     };
-    SlicesFile::isotropic("gloss", &[0.0, 1.0], &[0.0, 45.0, 85.0], 24, f).write(&studio.path("felt.safetensors"));
+    SlicesFile::isotropic("gloss", &[0.0, 1.0], &[0.0, 45.0, 85.0], 24, f)
+        .write(&studio.path("felt.safetensors"));
     let text = "family = \"imported\"\nfile = \"felt.safetensors\"\ngloss = { min = 0.2, max = 0.8 }\n";
     std::fs::write(studio.path("felt.toml"), text).expect("it can be written");
     for entry in made_and_seen(&studio, "felt.toml", &[]) {
-        assert_eq!((&entry["charts"], &entry["parameters"][0][0]), (&1.into(), &"gloss".into()));
+        assert_eq!(
+            (&entry["charts"], &entry["parameters"][0][0]),
+            (&1.into(), &"gloss".into())
+        );
     }
 }

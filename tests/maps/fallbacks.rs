@@ -24,12 +24,24 @@ fn maps_of_dots_fall_back_and_say_so() {
     let output = run(maps(&studio, "dots.toml", COUNT, &[]));
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(FAILED), "{said}");
-    for part in ["100.0 % of the maps fell back", "more than 2 %", "--resume --allow-fallbacks"] {
+    for part in [
+        "100.0 % of the maps fell back",
+        "more than 2 %",
+        "--resume --allow-fallbacks",
+    ] {
         assert!(said.contains(part), "`{part}` is not in: {said}");
     }
     let stored = shards(&studio);
-    let report = json(maps(&studio, "dots.toml", COUNT, &["--resume", "--allow-fallbacks", "--json"]));
-    assert_eq!((&report["computed"], &report["fallback_percent"]), (&0.into(), &100.0.into()));
+    let report = json(maps(
+        &studio,
+        "dots.toml",
+        COUNT,
+        &["--resume", "--allow-fallbacks", "--json"],
+    ));
+    assert_eq!(
+        (&report["computed"], &report["fallback_percent"]),
+        (&0.into(), &100.0.into())
+    );
     let strata = report["strata"].as_array().expect("a list");
     assert!(strata.iter().all(|s| s["fallbacks"] == s["maps"]), "{report}");
     assert_same(&stored, &shards(&studio));

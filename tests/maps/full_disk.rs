@@ -32,7 +32,10 @@ fn a_full_disk_leaves_earlier_shards_and_resume_completes_them() {
     succeed(maps(&full, METAL, SHARD_SLICES, &[]));
     let earlier = shards(&full);
     let resume = maps(&full, METAL, SHARD_SLICES + MORE, &["--resume"]);
-    fails(limited(&full, &resume), &[OUT, "maps-0001.safetensors", "File too large"]);
+    fails(
+        limited(&full, &resume),
+        &[OUT, "maps-0001.safetensors", "File too large"],
+    );
     assert_same(&earlier, &shards(&full));
     assert_eq!(unfinished(&full), [""; 0]);
     succeed(resume);
@@ -45,7 +48,10 @@ fn a_shard_that_cannot_grow_stays_as_it_was() {
     succeed(maps(&studio, METAL, 2, &[]));
     let earlier = shards(&studio);
     let resume = maps(&studio, METAL, MORE, &["--resume"]);
-    fails(limited(&studio, &resume), &["maps-0000.safetensors", "File too large"]);
+    fails(
+        limited(&studio, &resume),
+        &["maps-0000.safetensors", "File too large"],
+    );
     assert_same(&earlier, &shards(&studio));
     assert_eq!(unfinished(&studio), [""; 0]);
 }

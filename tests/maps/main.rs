@@ -95,7 +95,10 @@ fn fails(command: Command, parts: &[&str]) {
     assert!(output.stdout.is_empty(), "{name} printed a result");
     let complaints: Vec<&str> = said.lines().filter(|line| line.starts_with("bake: ")).collect();
     assert_eq!(complaints.len(), 1, "{said}");
-    assert!(said.ends_with(&format!("{}\n", complaints[0])), "not the last: {said}");
+    assert!(
+        said.ends_with(&format!("{}\n", complaints[0])),
+        "not the last: {said}"
+    );
     for part in parts {
         assert!(complaints[0].contains(part), "`{part}` is not in: {said}");
     }
@@ -120,7 +123,10 @@ fn shards(studio: &Studio) -> Shards {
 }
 
 fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    path.file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
 }
 
 /// Names in [`OUT`] of files that were not finished.

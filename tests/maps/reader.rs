@@ -86,7 +86,11 @@ fn run(code: &str, folder: &Path) {
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .output()
         .expect("the interpreter starts");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
 }
 
 #[test]
@@ -94,10 +98,15 @@ fn tensors_are_those_of_the_shards() {
     for (material, parameters, charts) in [(METAL, 0, 1), (PLASTIC, 1, 2)] {
         let studio = studio();
         succeed(maps(&studio, material, COUNT, &[]));
-        let sizes = [("COUNT", COUNT), ("PARAMETERS", parameters), ("CHARTS", charts), ("ROOM", ROOM)];
-        let code = sizes
-            .iter()
-            .fold(READ.to_string(), |code, (name, size)| code.replace(name, &size.to_string()));
+        let sizes = [
+            ("COUNT", COUNT),
+            ("PARAMETERS", parameters),
+            ("CHARTS", charts),
+            ("ROOM", ROOM),
+        ];
+        let code = sizes.iter().fold(READ.to_string(), |code, (name, size)| {
+            code.replace(name, &size.to_string())
+        });
         run(&code, &studio.path("."));
     }
 }

@@ -34,10 +34,17 @@ fn maps_of_something_else() {
     let studio = with_maps();
     let count = COUNT.to_string();
     let run = |material: &str, cells: &str, more: &[&str], parts: &[&str]| {
-        let arguments = ["maps", material, "--count", &count, "--cells", cells, "--out", OUT];
+        let arguments = [
+            "maps", material, "--count", &count, "--cells", cells, "--out", OUT,
+        ];
         complains(&studio, &[&arguments[..], more].concat(), parts);
     };
-    run(METAL, "32", &[], &["maps: there are maps already", "--resume", "--out"]);
+    run(
+        METAL,
+        "32",
+        &[],
+        &["maps: there are maps already", "--resume", "--out"],
+    );
     let other = ["maps: these maps are of another", "give another --out"];
     run(PLASTIC, "32", &["--resume"], &other);
     run(METAL, "64", &["--resume"], &other);
@@ -54,7 +61,10 @@ fn a_truncated_shard() {
     let whole = std::fs::read(&file).expect("just written");
     for length in [whole.len() / 2, 4, 0] {
         std::fs::write(&file, &whole[..length]).expect("it can be written");
-        let broken = ["maps/maps-0001.safetensors: not a whole map shard", "delete it to start over"];
+        let broken = [
+            "maps/maps-0001.safetensors: not a whole map shard",
+            "delete it to start over",
+        ];
         let count = COUNT.to_string();
         let resume = [
             "maps", METAL, "--count", &count, "--cells", "32", "--out", OUT, "--resume",
@@ -77,12 +87,19 @@ fn a_shard_with_a_tensor_too_few() {
     let file = studio.path(OUT).join("maps-0000.safetensors");
     let bytes = std::fs::read(&file).expect("just written");
     // Renamed in the header, which keeps its length.
-    let at = bytes.windows(7).position(|name| name == b"\"boost\"").expect("there is one");
+    let at = bytes
+        .windows(7)
+        .position(|name| name == b"\"boost\"")
+        .expect("there is one");
     let mut renamed = bytes;
     renamed[at + 1..at + 6].copy_from_slice(b"boast");
     std::fs::write(&file, renamed).expect("it can be written");
     let view = ["maps", METAL, "--out", OUT, "--view", "0"];
-    complains(&studio, &view, &["maps/maps-0000.safetensors", "`boost`", "delete it"]);
+    complains(
+        &studio,
+        &view,
+        &["maps/maps-0000.safetensors", "`boost`", "delete it"],
+    );
 }
 
 #[test]
@@ -107,7 +124,11 @@ fn unknown_materials_solvers_and_sizes() {
     misread(
         &studio,
         &["maps", METAL, "--solver", "newton"],
-        &["newton", "--solver", "marginal, hierarchical, sinkhorn_sliced, exact, frame"],
+        &[
+            "newton",
+            "--solver",
+            "marginal, hierarchical, sinkhorn_sliced, exact, frame",
+        ],
     );
     for cells in ["48", "16", "512", "many"] {
         let parts = [cells, "--cells", "give 32, 64, 128 or 256"];
@@ -158,10 +179,20 @@ fn a_folder_that_cannot_be_written() {
 #[test]
 fn a_material_that_reflects_nothing() {
     let studio = studio();
-    let black = ["--set", "base_color=[0,0,0]", "--set", "specular=0", "--set", "metallic=0"];
+    let black = [
+        "--set",
+        "base_color=[0,0,0]",
+        "--set",
+        "specular=0",
+        "--set",
+        "metallic=0",
+    ];
     fails(
         maps(&studio, METAL, 4, &black),
-        &["slice at θ = ", "it reflects nothing, so there is nothing to sample"],
+        &[
+            "slice at θ = ",
+            "it reflects nothing, so there is nothing to sample",
+        ],
     );
     assert!(shards(&studio).is_empty());
     let compare = ["maps", METAL, "--compare", "--cells", "32", "--out", OUT];

@@ -42,7 +42,11 @@ fn killed_and_resumed(threads: &str) {
     assert_eq!(left.keys().collect::<Vec<_>>(), ["maps-0000.safetensors"]);
     let report = json(vase(&studio, &["--threads", threads, "--resume", "--json"]));
     assert_eq!(report["slices"], VASE_SLICES);
-    assert_eq!(report["computed"], VASE_SLICES - SHARD_SLICES, "a finished shard was made again");
+    assert_eq!(
+        report["computed"],
+        VASE_SLICES - SHARD_SLICES,
+        "a finished shard was made again"
+    );
     assert_same(whole(), &shards(&studio));
 }
 
