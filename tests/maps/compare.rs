@@ -1,6 +1,7 @@
 //! The rows of `bake maps --compare`: what they hold, in which order, and what is drawn beside them.
 
 use crate::program::Studio;
+use crate::signals::{interrupt, wait_for};
 use crate::{METAL, json, studio, succeed};
 use bake_scenes::grey_picture::read_grey;
 use bake_scenes::picture::write_codes;
@@ -119,6 +120,27 @@ fn rows_of_a_material() {
     let slices = THETAS_DEG.map(|theta| format!("metal θ {theta}°"));
     assert_rows(&rows, &slices, &Solver::ALL);
     assert!(studio.path("out/maps/metal/comparison.png").exists());
+}
+
+/// Nothing is half-written, and nothing is said of a way to go on: there is none.
+#[test]
+fn ctrl_c_ends_a_comparison() {
+    let studio = Studio::new();
+    write_slope(&studio);
+    let arguments = [
+        "maps",
+        "slope.png",
+        "--compare",
+        "--cells",
+        "128,256",
+        "--out",
+        "compared",
+    ];
+    let mut child = studio.bake(&arguments).spawn().expect("the program starts");
+    wait_for(&mut child, || studio.path("compared").exists());
+    let said = interrupt(child, &studio);
+    assert!(said.ends_with("bake: interrupted\n"), "{said}");
+    assert!(!studio.path("compared/comparison.png").exists());
 }
 
 /// The table for people says the same, and solvers are those asked for, in the order of the flag.

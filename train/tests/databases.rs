@@ -108,6 +108,18 @@ fn slices_come_back_as_they_were() {
 }
 
 #[test]
+fn entries_without_charts_are_refused() {
+    let mut slices = stored(&material(PLASTIC), 2, Solver::Frame);
+    slices[1].charts.clear();
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    database::save_shard(folder.path(), 0, &slices, 2, "this").expect("it can be written");
+    match database::load_slice(folder.path(), 0) {
+        Err(Error::Checkpoint { reason, .. }) => assert!(reason.contains("entry 1"), "{reason}"),
+        other => panic!("an entry has no charts, but: {other:?}"),
+    }
+}
+
+#[test]
 fn fingerprints_tell_jobs_apart() {
     let (metal, plastic) = (material(METAL), material(PLASTIC));
     let places = places::draw(&plastic, 2, 1);

@@ -5,9 +5,10 @@ use crate::arguments::MapsOptions;
 use crate::commands::prepare_folder;
 use crate::output;
 use crate::progress::Stages;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use bake_scenes::grey_picture::read_grey;
 use bake_scenes::map_picture::{self, MapPanel, Square, write_sheet};
+use bake_train::Error;
 use bake_train::card::bins::SIDE;
 use bake_train::compare::{Compared, Comparison, Row, Target, compare, slices_of};
 use bake_train::transport::Solver;
@@ -62,7 +63,12 @@ pub fn run(options: &MapsOptions) -> Result<()> {
     let mut comparisons = Vec::new();
     for (i, target) in targets.iter().enumerate() {
         let tick = |done: u64, of: u64| stages.report("comparing", i as u64 * of + done, total * of);
-        comparisons.push(compare(target, solvers, sides, options.seed, &tick)?);
+        let compared = compare(target, solvers, sides, options.seed, &tick);
+        comparisons.push(compared.map_err(|error| match error {
+            // There is nothing to resume from.
+            Error::Interrupted => anyhow!("interrupted"),
+            error => error.into(),
+        })?);
     }
     stages.finish();
     let mut sheets = Vec::new();
