@@ -9,6 +9,8 @@ use std::collections::BTreeMap;
 
 /// Pixels per side of the pictures.
 const SIDE: usize = 16;
+/// Binning L1 of maps onto a dot: 2 where no sample hits it, and 0.81 where the marginal map of 32² cells stands in.
+const DOT_L1_MAX: f64 = 1.0;
 /// Texel that spoils a picture: column 5 of row 3.
 const SPOILED: usize = 3 * SIDE + 5;
 /// What all maps here are made with: small, and by all solvers but the exact one, whose points the others share.
@@ -26,6 +28,30 @@ fn exr(studio: &Studio, name: &str, value: f32) {
     let mut texels = vec![[0.5; 3]; SIDE * SIDE];
     texels[SPOILED] = [value; 3];
     write_rgb(&studio.path(name), [SIDE; 2], &texels, &BTreeMap::new()).expect("it can be written");
+}
+
+/// A dot smaller than any cell of a map, and between the centres of cells.
+#[test]
+fn a_dot_that_cells_do_not_see() {
+    const FINE: usize = 256;
+    let studio = Studio::new();
+    let mut codes = vec![0; 3 * FINE * FINE];
+    let dot = 3 * (30 * FINE + 50);
+    codes[dot..dot + 3].fill(255);
+    write_codes(&studio.path("dot.png"), [FINE; 2], &codes).expect("it can be written");
+    let arguments = [
+        "maps",
+        "dot.png",
+        "--compare",
+        "--cells",
+        "32",
+        "--solver",
+        "marginal,frame",
+        "--json",
+    ];
+    let rows = json(studio.bake(&arguments));
+    assert!(rows[0]["binning_l1"].as_f64() < Some(DOT_L1_MAX), "{rows}");
+    assert_eq!(rows[1]["fallback"], "marginal", "{rows}");
 }
 
 /// Writes a black picture in which one pixel has the sRGB code `code`.
@@ -87,8 +113,7 @@ fn a_picture_with_a_single_pixel() {
                 ),
             }
         }
-        // Most samples of every map fall into the bins of the dot: half of 2 is nothing.
-        assert!(row["binning_l1"].as_f64() < Some(1.0), "{row}");
+        assert!(row["binning_l1"].as_f64() < Some(DOT_L1_MAX), "{row}");
     }
 }
 
