@@ -5,11 +5,12 @@ mod support;
 
 use bake_runtime::bsdf::direction;
 use bake_runtime::conductor::Conductor;
-use bake_train::slice::single_luminance;
+use bake_train::lobes::LUMINANCE;
 use bake_train::spline::cell_centre;
 use bake_train::transport::points::{row_column_points, source_points};
 use bake_train::transport::raster::Raster;
 use bake_train::transport::{assignment, kantorovich, sinkhorn};
+use glam::DVec3;
 use serde_json::{Value, json};
 use std::process::Command;
 use support::python::python;
@@ -73,7 +74,7 @@ fn slice(alpha: [f64; 2], theta_deg: f64) -> Raster {
             let z2 = 1.0 - x * x - y * y;
             // dx dy = cos θ dω, so the disk holds f without the cosine.
             if z2 > 0.0 {
-                single_luminance(&gold, wo, [x, y, z2.sqrt()]) / z2.sqrt()
+                gold.single(wo, DVec3::new(x, y, z2.sqrt())).dot(LUMINANCE) / z2.sqrt()
             } else {
                 0.0
             }

@@ -4,23 +4,17 @@
 
 #[path = "support/program.rs"]
 mod program;
+#[path = "support/signals.rs"]
+mod signals;
 
-use program::{SCENE, Studio, finish};
+use program::{SCENE, Studio};
 use safetensors::SafeTensors;
+use signals::{interrupt, wait_for};
 use std::path::Path;
-use std::process::{Child, Command};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// Exit status after Ctrl-C, as shells have it.
-const INTERRUPTED: i32 = 130;
-/// A step, a slice and a pass over a tile take a fraction of a second; the rest is for a busy machine.
-const STOP_MAX: Duration = Duration::from_secs(5);
-/// Frames and maps of a quick bake, and the first 500 steps, take about ten seconds each; as above.
-const STAGE_MAX: Duration = Duration::from_secs(120);
 /// How long the sampling network is trained before the interruption, so that it comes between two checkpoints.
 const TRAIN: Duration = Duration::from_secs(1);
-/// How often a condition is looked at.
-const POLL: Duration = Duration::from_millis(20);
 
 const FRAME: &str = "baked/vase/checkpoints/train-frame.safetensors";
 const MAPS: &str = "baked/vase/checkpoints/maps-0000.safetensors";
@@ -89,44 +83,10 @@ fn an_interrupted_render_stops_at_once_and_leaves_no_picture() {
     assert_eq!(left, [studio.path("pictures")]);
 }
 
-/// Sends Ctrl-C to `child` and asserts how it ends; what it said on standard error.
-fn interrupt(child: Child, studio: &Studio) -> String {
-    let sent = Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
-        .status();
-    assert!(
-        sent.is_ok_and(|status| status.success()),
-        "kill is part of every Unix"
-    );
-    let output = finish(child, STOP_MAX);
-    let said = String::from_utf8(output.stderr).expect("the program speaks UTF-8");
-    assert_eq!(output.status.code(), Some(INTERRUPTED), "{said}");
-    assert!(output.stdout.is_empty(), "an interrupted program has no result");
-    let temporary = studio
-        .listing()
-        .into_keys()
-        .find(|path| path.extension().is_some_and(|e| e == "tmp"));
-    assert_eq!(temporary, None);
-    said
-}
-
 /// Steps of the training whose checkpoint is `path`, if there is one.
 fn steps(path: &Path) -> Option<u64> {
     let bytes = std::fs::read(path).ok()?;
     let file = SafeTensors::deserialize(&bytes).expect("a checkpoint is whole at any time");
     let step = file.tensor("step").expect("a checkpoint counts its steps");
     Some(u64::from_le_bytes(step.data().try_into().expect("one number")))
-}
-
-fn wait_for(child: &mut Child, holds: impl Fn() -> bool) {
-    let deadline = Instant::now() + STAGE_MAX;
-    while !holds() {
-        let ended = child.try_wait().expect("the child is ours");
-        assert!(ended.is_none(), "the program ended by itself: {ended:?}");
-        if Instant::now() > deadline {
-            child.kill().expect("the child is ours");
-            panic!("nothing happened within {STAGE_MAX:?}");
-        }
-        std::thread::sleep(POLL);
-    }
 }

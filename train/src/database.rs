@@ -197,6 +197,9 @@ impl Shard {
         let (values, wo, smoothing_error) =
             (doubles("parameters", parameters)?, doubles("wo", 3)?, doubles("smoothing_error", 1)?);
         let (charts, fallback) = (small("charts", 1)?, small("fallback", room)?);
+        if let Some(i) = charts.iter().position(|c| !(1..=room).contains(&usize::from(*c))) {
+            return Err(self.broken(format!("entry {i} of it has {} charts, not 1 to {room}", charts[i])));
+        }
         let (share, frame) = (doubles("share", room)?, doubles("frame", 5 * room)?);
         let (boost, residuals) = (doubles("boost", 2 * room)?, doubles("residuals", RESIDUALS * room)?);
         let (log_density, map, potential) = (
@@ -242,7 +245,7 @@ impl Shard {
             .map(|i| MappedSlice {
                 parameters: values[parameters * i..parameters * (i + 1)].to_vec(),
                 wo: [wo[3 * i], wo[3 * i + 1], wo[3 * i + 2]],
-                charts: (0..room.min(charts[i].into())).map(|c| chart(i * room + c)).collect(),
+                charts: (0..charts[i].into()).map(|c| chart(i * room + c)).collect(),
                 smoothing_error: smoothing_error[i],
             })
             .collect())

@@ -9,7 +9,7 @@ use bake_runtime::{Family, Material, Rng};
 pub const THETA_MAX_DEG: f64 = 89.9;
 
 /// Key of the scrambling.
-const KEY: u64 = 0x91ac_e5;
+const KEY: u64 = 0x0091_ace5;
 
 /// Points after which the library's sequence ends and is scrambled anew.
 const SEQUENCE_BITS: u32 = 16;

@@ -1,22 +1,27 @@
 """Reads the database of importance maps that ``bake maps`` writes.
 
 It is a folder of shards ``maps-0000.safetensors``, ``maps-0001.safetensors``, … without a gap; each holds some entries.
-Its tensors, for N entries in all, P free parameters and maps of n × n cells:
+Its tensors, for N entries in all, P free parameters, room for C charts an entry (2 for the families layered and
+principled, else 1) and maps of n × n cells:
 
-===============  ===============  ====  =============================================================================
-``parameters``   ``[N, P]``       F64   values of the free parameters
-``wo``           ``[N, 3]``       F64   direction to the camera, unit, shading frame (z = normal)
-``charts``       ``[N]``          U8    charts of the entry, 1 or 2; what is said below holds for each
-``share``        ``[N]``          F64   share of u₀ that the first chart has; the rest is the second's
-``frame``        ``[N, 2, 5]``    F64   x, y, shear, b₀ and b₁ of the chart's lobe frame, NaN where it has none
-``log_density``  ``[N,2,3,n,n]``  F32   logarithm of the target's RGB density in the frame's square
-``map``          ``[N,2,n,n,2]``  F32   where the map takes the cell centres of u, in the frame's square
-``potential``    ``[N, 2, n, n]`` F32   what the map is the gradient of
-``constant``     ``[N, 2]``       F64   c of the solved equation, near 0
-``residual``     ``[N, 2]``       F64   residual at which the solver stopped
-``fallback``     ``[N, 2]``       U8    1 where the solver failed and the marginal map took its place
-===============  ===============  ====  =============================================================================
+===================  ===============  ====  =========================================================================
+``parameters``       ``[N, P]``       F64   values of the free parameters
+``wo``               ``[N, 3]``       F64   direction to the camera, unit, shading frame (z = normal)
+``smoothing_error``  ``[N]``          F64   what removing the noise of walks costs the density, over its albedo
+``charts``           ``[N]``          U8    charts of the entry, 1 to C; what is said below holds for each
+``share``            ``[N, C]``       F64   probability of the chart: the share of u₀ that it has, in this order
+``frame``            ``[N, C, 5]``    F64   x, y, shear, b₀ and b₁ of the chart's lobe frame
+``boost``            ``[N, C, 2]``    F64   velocity of the chart's boost
+``residuals``        ``[N, C, 5]``    F64   c of the solved equation, near 0; its residual; mass that the density was
+                                            softened by; shares of the square that fold, and that are not covered
+``fallback``         ``[N, C]``       U8    1 where the solver failed and the marginal map took its place
+``log_density``      ``[N,C,3,n,n]``  F32   logarithm of the RGB density in the chart's square, on crowded cells
+``map``              ``[N,C,n,n,2]``  F32   where the map takes the cell centres of u: in the chart's square for the
+                                            solver ``frame``, on the disk, [−1, 1]², for any other
+``potential``        ``[N, C, n, n]`` F32   coefficients of the potential whose gradient the map is
+===================  ===============  ====  =========================================================================
 
+What a chart that is not there would hold is NaN, or 0 in ``fallback``; so is the potential where there is none.
 Cells are indexed ``[row, column]``: row is u₁ (or y), column is u₀ (or x), both upwards from the first.
 Whatever other tensors the shards hold are read in the same way.
 """

@@ -1,6 +1,6 @@
 //! The database of a material's maps.
 
-use super::{folder, material};
+use super::{folder, material, refuse_large_exact};
 use crate::arguments::MapsOptions;
 use crate::commands::prepare_folder;
 use crate::progress::Stages;
@@ -61,9 +61,7 @@ pub fn run(options: &MapsOptions) -> Result<()> {
         [one] => one,
         _ => bail!("--cells: the maps of a database have one size; several are for --compare"),
     };
-    if solver == Solver::Exact && cells * cells > bake_train::transport::disk_map::EXACT_MAX {
-        bail!("--solver exact: {cells} × {cells} points are too many for an exact assignment; give --cells 64 or less");
-    }
+    refuse_large_exact(&[solver], &[cells])?;
     let folder = folder(options, &material.name);
     prepare_folder(&folder)?;
     let places = places::draw(&material, options.count as usize, options.seed);

@@ -1,13 +1,14 @@
 //! Solvers side by side on a picture, or on the slices of a material.
 
-use super::{folder, material};
+use super::{folder, material, refuse_large_exact};
 use crate::arguments::MapsOptions;
 use crate::commands::prepare_folder;
 use crate::output;
 use crate::progress::Stages;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use bake_scenes::grey_picture::read_grey;
 use bake_scenes::map_picture::{self, MapPanel, Square, write_sheet};
+use bake_train::Error;
 use bake_train::card::bins::SIDE;
 use bake_train::compare::{Compared, Comparison, Row, Target, compare, slices_of};
 use bake_train::transport::Solver;
@@ -28,6 +29,15 @@ const SHEET: usize = 5;
 
 /// Runs the comparison.
 pub fn run(options: &MapsOptions) -> Result<()> {
+    let sides = match &options.cells[..] {
+        [] => &SIDES[..],
+        some => some,
+    };
+    refuse_large_exact(&options.solver, sides)?;
+    let solvers = match &options.solver[..] {
+        [] => &Solver::ALL[..],
+        some => some,
+    };
     let path = Path::new(&options.subject);
     let ending = path.extension().and_then(|e| e.to_str()).map(str::to_lowercase);
     let (name, targets) = if ending.is_some_and(|e| PICTURES.contains(&e.as_str())) {
@@ -48,20 +58,17 @@ pub fn run(options: &MapsOptions) -> Result<()> {
     };
     let folder = folder(options, &name);
     prepare_folder(&folder)?;
-    let solvers = match &options.solver[..] {
-        [] => &Solver::ALL[..],
-        some => some,
-    };
-    let sides = match &options.cells[..] {
-        [] => &SIDES[..],
-        some => some,
-    };
     let stages = Stages::new();
     let total = targets.len() as u64;
     let mut comparisons = Vec::new();
     for (i, target) in targets.iter().enumerate() {
         let tick = |done: u64, of: u64| stages.report("comparing", i as u64 * of + done, total * of);
-        comparisons.push(compare(target, solvers, sides, options.seed, &tick)?);
+        let compared = compare(target, solvers, sides, options.seed, &tick);
+        comparisons.push(compared.map_err(|error| match error {
+            // There is nothing to resume from.
+            Error::Interrupted => anyhow!("interrupted"),
+            error => error.into(),
+        })?);
     }
     stages.finish();
     let mut sheets = Vec::new();

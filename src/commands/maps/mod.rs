@@ -9,6 +9,8 @@ use crate::arguments::MapsOptions;
 use anyhow::{Result, bail};
 use bake_runtime::Material;
 use bake_runtime::field::Fields;
+use bake_train::transport::Solver;
+use bake_train::transport::disk_map::EXACT_MAX;
 use std::path::{Path, PathBuf};
 
 /// Runs the command.
@@ -33,6 +35,17 @@ fn material(options: &MapsOptions) -> Result<Material> {
     let material = material.replaced(Fields(options.set.clone()), Path::new(""))?;
     material.validate()?;
     Ok(material)
+}
+
+/// Refuses an exact assignment that is asked for where all sizes of maps are too large for it.
+fn refuse_large_exact(solvers: &[Solver], sides: &[usize]) -> Result<()> {
+    let smallest = sides.iter().min().copied().unwrap_or_default();
+    if solvers.contains(&Solver::Exact) && smallest * smallest > EXACT_MAX {
+        bail!(
+            "--solver exact: {smallest} × {smallest} points are too many for an exact assignment; give --cells 64 or less"
+        );
+    }
+    Ok(())
 }
 
 /// Where the files of the subject called `name` go.

@@ -173,7 +173,7 @@ pub fn compare(target: &Target, solvers: &[Solver], sides: &[usize], seed: u64, 
         Target::Slice { name, bsdf, wo } => {
             let slice = LobeSlice::new(&**bsdf, *wo, WALKS, WALK_SEED)?;
             let chart = slice.sharp_chart().unwrap_or(Chart::IDENTITY);
-            let truth = Truth::of_slice(&**bsdf, *wo, &chart);
+            let truth = Truth::of_slice(bsdf, *wo, &chart);
             run(name, &Source::Slice(&slice), truth, solvers, sides, seed, tick)
         }
         Target::Picture { name, raster } => {
