@@ -59,7 +59,10 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
             counts[truth.binned.bins.index(wi)] += 1;
         }
     }
-    (l1(&counts, &truth.binned.mass), truth.binned.floor(BINNING_POINTS))
+    (
+        l1(&counts, &truth.binned.mass),
+        truth.binned.floor(BINNING_POINTS),
+    )
 }
 
 #[test]

@@ -111,7 +111,10 @@ mod tests {
         let b = v.cross(a);
         let h = 1e-5;
         let at = |d: DVec3| DVec3::from_array(boost.apply((v + d).normalize().to_array()).0);
-        let (x, y) = ((at(a * h) - at(a * -h)) / (2.0 * h), (at(b * h) - at(b * -h)) / (2.0 * h));
+        let (x, y) = (
+            (at(a * h) - at(a * -h)) / (2.0 * h),
+            (at(b * h) - at(b * -h)) / (2.0 * h),
+        );
         let (_, scale) = boost.apply(v.to_array());
         assert!((x.cross(y).length() - scale).abs() < DIFFERENCE_TOL);
         assert!(x.dot(y).abs() < DIFFERENCE_TOL, "conformal");

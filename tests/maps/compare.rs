@@ -5,10 +5,12 @@ use crate::signals::{interrupt, wait_for};
 use crate::{METAL, json, studio, succeed};
 use bake_scenes::grey_picture::read_grey;
 use bake_scenes::picture::write_codes;
-use bake_train::compare::THETAS_DEG;
 use bake_train::transport::Solver;
 use serde_json::Value;
 use std::collections::BTreeSet;
+
+/// Polar angles of `wo` that are compared, degrees.
+const THETAS_DEG: [f64; 5] = [10.0, 45.0, 75.0, 85.0, 89.0];
 
 /// Keys of a row.
 const KEYS: [&str; 11] = [

@@ -1,7 +1,7 @@
 //! The bake of one material: frames, maps, and the three networks, with presets for how much work to spend.
 
-use crate::error::Result;
 use crate::database;
+use crate::error::Result;
 use crate::maps::{self, Charts, Job, Summary};
 use crate::nn::frame::FrameNetwork;
 use crate::training::data::TrainingSet;

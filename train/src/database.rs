@@ -93,12 +93,29 @@ pub fn save_shard(
         let f = c.chart.frame;
         vec![f.x, f.y, f.shear, f.b[0], f.b[1]]
     };
-    let flat = |slices: &[MappedSlice], f: fn(&MappedSlice) -> Vec<f64>| bytes64(slices.iter().flat_map(f).collect());
+    let flat = |slices: &[MappedSlice], f: fn(&MappedSlice) -> Vec<f64>| {
+        bytes64(slices.iter().flat_map(f).collect())
+    };
     let tensors = [
-        ("parameters", Dtype::F64, vec![k, parameters], flat(slices, |s| s.parameters.clone())),
+        (
+            "parameters",
+            Dtype::F64,
+            vec![k, parameters],
+            flat(slices, |s| s.parameters.clone()),
+        ),
         ("wo", Dtype::F64, vec![k, 3], flat(slices, |s| s.wo.to_vec())),
-        ("smoothing_error", Dtype::F64, vec![k], flat(slices, |s| vec![s.smoothing_error])),
-        ("charts", Dtype::U8, vec![k], slices.iter().map(|s| s.charts.len() as u8).collect()),
+        (
+            "smoothing_error",
+            Dtype::F64,
+            vec![k],
+            flat(slices, |s| vec![s.smoothing_error]),
+        ),
+        (
+            "charts",
+            Dtype::U8,
+            vec![k],
+            slices.iter().map(|s| s.charts.len() as u8).collect(),
+        ),
         (
             "fallback",
             Dtype::U8,
@@ -107,8 +124,18 @@ pub fn save_shard(
         ),
         ("share", Dtype::F64, vec![k, room], doubles(1, &|c| vec![c.share])),
         ("frame", Dtype::F64, vec![k, room, 5], doubles(5, &frame)),
-        ("boost", Dtype::F64, vec![k, room, 2], doubles(2, &|c| c.chart.boost.velocity().to_vec())),
-        ("residuals", Dtype::F64, vec![k, room, RESIDUALS], doubles(RESIDUALS, &residuals)),
+        (
+            "boost",
+            Dtype::F64,
+            vec![k, room, 2],
+            doubles(2, &|c| c.chart.boost.velocity().to_vec()),
+        ),
+        (
+            "residuals",
+            Dtype::F64,
+            vec![k, room, RESIDUALS],
+            doubles(RESIDUALS, &residuals),
+        ),
         (
             "log_density",
             Dtype::F32,
@@ -121,7 +148,12 @@ pub fn save_shard(
             vec![k, room, n, n, 2],
             floats(2 * cells, &|c| c.map.as_flattened().to_vec()),
         ),
-        ("potential", Dtype::F32, vec![k, room, n, n], floats(cells, &|c| c.potential.clone())),
+        (
+            "potential",
+            Dtype::F32,
+            vec![k, room, n, n],
+            floats(cells, &|c| c.potential.clone()),
+        ),
     ];
     let views = tensors.iter().map(|(name, dtype, shape, data)| {
         (
@@ -168,8 +200,7 @@ impl Shard {
     fn parse(&self) -> Result<(SafeTensors<'_>, Option<String>)> {
         let file = SafeTensors::deserialize(&self.bytes)
             .map_err(|e| self.broken(format!("not a whole map shard ({e})")))?;
-        let (_, header) =
-            SafeTensors::read_metadata(&self.bytes).map_err(|e| self.broken(e.to_string()))?;
+        let (_, header) = SafeTensors::read_metadata(&self.bytes).map_err(|e| self.broken(e.to_string()))?;
         let fingerprint = header.metadata().as_ref().and_then(|m| m.get(FINGERPRINT_KEY));
         Ok((file, fingerprint.cloned()))
     }
@@ -194,14 +225,23 @@ impl Shard {
         let small = |name: &str, each: usize| {
             tensors::read(file, name, Dtype::U8, k * each, |[b]: [u8; 1]| b).map_err(|e| self.broken(e))
         };
-        let (values, wo, smoothing_error) =
-            (doubles("parameters", parameters)?, doubles("wo", 3)?, doubles("smoothing_error", 1)?);
+        let (values, wo, smoothing_error) = (
+            doubles("parameters", parameters)?,
+            doubles("wo", 3)?,
+            doubles("smoothing_error", 1)?,
+        );
         let (charts, fallback) = (small("charts", 1)?, small("fallback", room)?);
         if let Some(i) = charts.iter().position(|c| !(1..=room).contains(&usize::from(*c))) {
-            return Err(self.broken(format!("entry {i} of it has {} charts, not 1 to {room}", charts[i])));
+            return Err(self.broken(format!(
+                "entry {i} of it has {} charts, not 1 to {room}",
+                charts[i]
+            )));
         }
         let (share, frame) = (doubles("share", room)?, doubles("frame", 5 * room)?);
-        let (boost, residuals) = (doubles("boost", 2 * room)?, doubles("residuals", RESIDUALS * room)?);
+        let (boost, residuals) = (
+            doubles("boost", 2 * room)?,
+            doubles("residuals", RESIDUALS * room)?,
+        );
         let (log_density, map, potential) = (
             floats("log_density", 3 * cells * room)?,
             floats("map", 2 * cells * room)?,
@@ -278,11 +318,23 @@ pub fn load_shard(
 /// The fingerprint of the first shard in `folder`; `None` when there is none.
 ///
 /// # Errors
-/// [`Error::Checkpoint`] for a file that is there but cannot be read.
+/// [`Error::Checkpoint`] for a file that is there but cannot be read, and for a folder that begins with another shard.
 pub fn fingerprint(folder: &Path) -> Result<Option<String>> {
-    match Shard::open(folder, 0)? {
-        Some(shard) => Ok(Some(shard.parse()?.1.unwrap_or_default())),
+    if let Some(shard) = Shard::open(folder, 0)? {
+        return Ok(Some(shard.parse()?.1.unwrap_or_default()));
+    }
+    let is_shard = |name: &str| name.starts_with("maps-") && name.ends_with(".safetensors");
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let stray = files.map(|f| f.path()).find(|p| {
+        let name = p.file_name().and_then(|n| n.to_str());
+        name.is_some_and(is_shard)
+    });
+    match stray {
         None => Ok(None),
+        Some(path) => Err(Error::Checkpoint {
+            path,
+            reason: "the shards before it are missing".into(),
+        }),
     }
 }
 

@@ -8,10 +8,10 @@ use crate::error::{Error, Result};
 use crate::spline::{EdgeSpline, edge_cell_centre, edge_cell_weight};
 use crate::transport::frame_fit;
 use crate::transport::mirror::mirror_chart;
+use bake_runtime::Bsdf;
 use bake_runtime::bsdf::{Rest, Slice, shifted_r2};
 use bake_runtime::chart::Chart;
 use bake_runtime::frame::{Frame, mirror_anchor};
-use bake_runtime::Bsdf;
 use glam::DVec3;
 
 /// Luminance of linear Rec. 709 RGB: what the maps are made for.
@@ -30,8 +30,12 @@ const BROAD: f64 = 0.25;
 /// A lobe whose luminance albedo is below this is black.
 pub const ALBEDO_MIN: f64 = 1e-12;
 
-/// Cells per side of the coarse look that tells whether a lobe is black.
-const LOOK_CELLS: usize = 12;
+/// A smooth lobe's density below this share of its largest counts as this share.
+const SMOOTH_FLOOR: f64 = 1e-6;
+
+/// Cells per side of the look that tells whether a lobe is black: of one that costs microseconds a direction and spreads
+/// over the hemisphere, and of one that may be a single pixel of a table.
+const LOOK_CELLS: [usize; 2] = [12, 96];
 
 /// Directions at which the smoothing is checked.
 const CHECKS: u64 = 64;
@@ -74,12 +78,12 @@ pub fn direction_at(chart: &Chart, s: [f64; 2]) -> (DVec3, f64) {
 }
 
 /// Mean luminance of f_cos·dω/ds over the crowded square of `chart`: the albedo, coarsely.
-fn look(chart: &Chart, f_cos: impl Fn(DVec3) -> DVec3) -> f64 {
-    let n = LOOK_CELLS * LOOK_CELLS;
+fn look(chart: &Chart, cells: usize, f_cos: impl Fn(DVec3) -> DVec3) -> f64 {
+    let n = cells * cells;
     let sum: f64 = (0..n)
         .map(|k| {
-            let (wi, area) = direction_at(chart, edge_cell_centre(k, LOOK_CELLS));
-            f_cos(wi).dot(LUMINANCE) * area * edge_cell_weight(k, LOOK_CELLS)
+            let (wi, area) = direction_at(chart, edge_cell_centre(k, cells));
+            f_cos(wi).dot(LUMINANCE) * area * edge_cell_weight(k, cells)
         })
         .sum();
     sum / n as f64
@@ -113,7 +117,7 @@ impl<'a> LobeSlice<'a> {
         };
         let alpha = slice.alpha();
         let start = mirror_chart(wo, alpha);
-        let sharp = look(&start, |wi| slice.sharp(wi));
+        let sharp = look(&start, LOOK_CELLS[1], |wi| slice.sharp(wi));
         if !sharp.is_finite() {
             return refuse("it is not finite");
         }
@@ -122,7 +126,7 @@ impl<'a> LobeSlice<'a> {
             (Rest::Alike, Some(chart)) => chart,
             _ => Chart::IDENTITY,
         };
-        let rest = look(&home, |wi| slice.smooth(wi));
+        let rest = look(&home, LOOK_CELLS[0], |wi| slice.smooth(wi));
         if !rest.is_finite() {
             return refuse("it is not finite");
         }
@@ -137,7 +141,12 @@ impl<'a> LobeSlice<'a> {
                     slice.smooth(wi) * area
                 })
                 .collect();
-            let floor = DVec3::splat(f64::MIN_POSITIVE.sqrt());
+            // Few walks may leave a direction dark: a logarithm far below its neighbours' would make the spline overshoot.
+            let brightest = values
+                .iter()
+                .copied()
+                .fold(DVec3::splat(f64::MIN_POSITIVE.sqrt()), DVec3::max);
+            let floor = brightest * SMOOTH_FLOOR;
             let logs = |c: usize| values.iter().map(|v| v.max(floor)[c].ln()).collect::<Vec<_>>();
             Smooth::Table(home, [0, 1, 2].map(|c| EdgeSpline::new(&logs(c), SMOOTH_CELLS)))
         };

@@ -17,7 +17,7 @@ use bake_runtime::chart::Chart;
 use bake_runtime::conductor::Conductor;
 use bake_runtime::encoding::grazing;
 use bake_runtime::frame::{FRAME_OUTPUTS, mirror_anchor};
-use bake_runtime::{Family, Material};
+use bake_runtime::{Family, Material, Setting};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::path::Path;
@@ -121,6 +121,13 @@ impl Summary {
     }
 }
 
+/// A hash of `words`, for fingerprints.
+pub fn hash(words: impl Iterator<Item = u64>) -> u64 {
+    words.fold(0, |h: u64, w| {
+        h.rotate_left(5).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ w
+    })
+}
+
 impl Job<'_> {
     /// Largest number of charts of a slice: tables have room for them.
     pub fn charts_max(&self) -> usize {
@@ -136,8 +143,16 @@ impl Job<'_> {
             Charts::Fitted => "fitted".into(),
             Charts::Predicted(network) => format!("predicted {:016x}", network.hash()),
         };
+        let table = match self.material.get("file") {
+            // A file that cannot be read stops the run before anything is computed.
+            Some(Setting::File(path)) => {
+                std::fs::read(path).map_or(0, |bytes| hash(bytes.into_iter().map(u64::from)))
+            }
+            _ => 0,
+        };
         serde_json::json!({
             "format": database::FORMAT,
+            "table": format!("{table:016x}"),
             "material": self.material,
             "parameters": self.material.free().into_iter().map(|(name, ..)| name).collect::<Vec<_>>(),
             "places": self.drawn,
@@ -214,7 +229,9 @@ pub fn fit_frames(bsdf: &Conductor, places: &[Place], tick: Tick) -> Result<Vec<
             // Single scattering decides the frame: one walk will do.
             let slice = LobeSlice::new(bsdf, DVec3::from_array(place.wo), 1, WALK_SEED)?;
             advance(&done, places.len(), tick)?;
-            Ok(slice.linear_frame().to_outputs(mirror_anchor(place.wo, bsdf.alpha)))
+            Ok(slice
+                .linear_frame()
+                .to_outputs(mirror_anchor(place.wo, bsdf.alpha)))
         })
         .collect()
 }
@@ -256,7 +273,11 @@ pub fn compute(job: &Job, folder: &Path, tick: Tick) -> Result<Summary> {
             // Indices up to the next power of two depend only on earlier halves, so they run side by side.
             let start = potentials.len();
             let generation = start.max(1).ilog2() + u32::from(start > 0);
-            let stop = if start == 0 { 1 } else { (1usize << generation).min(end) };
+            let stop = if start == 0 {
+                1
+            } else {
+                (1usize << generation).min(end)
+            };
             let solved: Result<Vec<MappedSlice>> = (start..stop)
                 .into_par_iter()
                 .map(|k| {

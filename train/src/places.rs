@@ -116,7 +116,11 @@ mod tests {
             r#"{"family":"conductor","alpha":[{"min":0.01,"max":1},{"min":0.01,"max":1}],"reflectance":[1,{"min":0.2,"max":0.6},0.5]}"#,
         );
         let places = draw(&conductor, 4096, 1);
-        assert_eq!(places[..100], draw(&conductor, 100, 1), "a prefix stays what it was");
+        assert_eq!(
+            places[..100],
+            draw(&conductor, 100, 1),
+            "a prefix stays what it was"
+        );
         assert_ne!(places[..100], draw(&conductor, 100, 2));
         let share = |f: &dyn Fn(&Place) -> bool| places.iter().filter(|p| f(p)).count() as f64 / 4096.0;
         // θ_o = 90°·√ξ: a quarter lies below 45°; alpha = (0.1 + 0.9ξ)²: half below 0.3025.
@@ -132,7 +136,10 @@ mod tests {
     #[test]
     fn isotropic_materials_are_seen_from_one_azimuth() {
         for (json, turn) in [
-            (r#"{"family":"layered","alpha":0.1,"sigma_t":1,"albedo":[1,1,1],"base":[0,0,0]}"#, 0.0),
+            (
+                r#"{"family":"layered","alpha":0.1,"sigma_t":1,"albedo":[1,1,1],"base":[0,0,0]}"#,
+                0.0,
+            ),
             (r#"{"family":"conductor","alpha":[0.2,0.2],"ior":"gold"}"#, 0.0),
             (r#"{"family":"conductor","alpha":[0.2,0.1],"ior":"gold"}"#, 90.0),
             (r#"{"family":"principled"}"#, 0.0),

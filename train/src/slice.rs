@@ -79,9 +79,9 @@ impl SliceTable {
 mod tests {
     use super::*;
     use crate::lobes::WALKS;
-    use bake_runtime::frame::Frame;
     use bake_runtime::Bsdf;
     use bake_runtime::conductor::Conductor;
+    use bake_runtime::frame::Frame;
     use bake_runtime::layered::Layered;
     use bake_runtime::{Estimate, Rng};
 
@@ -128,7 +128,8 @@ mod tests {
             &conductor,
             &Chart::of_frame(Frame::from_outputs([-0.6, -1.6, 0.3, 0.0, 0.0], [-0.5, -0.4])),
         );
-        let layered = Layered::new(0.2, 1.5, 1.0, [0.9, 0.8, 0.7], [0.6, 0.5, 0.4], 0.0).expect("valid parameters");
+        let layered =
+            Layered::new(0.2, 1.5, 1.0, [0.9, 0.8, 0.7], [0.6, 0.5, 0.4], 0.0).expect("valid parameters");
         agrees_with_the_reference(&layered, &Chart::IDENTITY);
     }
 }

@@ -49,7 +49,9 @@ pub fn charts(bsdf: &Reference, entry: &MappedSlice, solver: Solver) -> Result<V
         _ => vec![Lobe::Sharp, Lobe::Smooth],
     };
     let views = entry.charts.iter().zip(lobes);
-    Ok(views.map(|(chart, lobe)| in_square(&slice, chart, lobe)).collect())
+    Ok(views
+        .map(|(chart, lobe)| in_square(&slice, chart, lobe))
+        .collect())
 }
 
 fn shares(counts: &[u64]) -> Vec<f64> {

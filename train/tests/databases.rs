@@ -7,7 +7,7 @@ use bake_runtime::{Bsdf, Material};
 use bake_train::Error;
 use bake_train::card::binned::BinnedSlice;
 use bake_train::card::bins::l1;
-use bake_train::compare::{THETAS_DEG, Target, slices_of};
+use bake_train::compare::{Target, slices_of};
 use bake_train::database::{self, SHARD_SLICES};
 use bake_train::lobes::{LUMINANCE, Lobe, LobeSlice, WALKS};
 use bake_train::maps::{Charts, Job, MappedSlice, WALK_SEED, compute};
@@ -20,6 +20,9 @@ use bake_train::view;
 use glam::DVec3;
 use std::ops::ControlFlow;
 use std::path::Path;
+
+/// Polar angles of `wo` that are compared, degrees.
+const THETAS_DEG: [f64; 5] = [10.0, 45.0, 75.0, 85.0, 89.0];
 
 /// Cells per side of the maps.
 const CELLS: usize = 32;

@@ -24,7 +24,7 @@ const FINE: usize = 128;
 const POINTS: u64 = 1 << 22;
 /// Points that one task bins.
 const BLOCK: u64 = 1 << 14;
-/// Largest binning L1 up to [`STEEP_DEG`] and beyond it: what the issue of these maps asks for.
+/// Largest binning L1 up to [`STEEP_DEG`] and beyond it.
 const BINNING_L1_MAX: [f64; 2] = [0.02, 0.05];
 /// Polar angle of `wo` beyond which the second limit holds, degrees.
 const STEEP_DEG: f64 = 75.0;

@@ -87,7 +87,9 @@ pub fn run(options: &MapsOptions) -> Result<()> {
     }
     let stages = Stages::new();
     let clock = Instant::now();
-    let summary = compute(&job, &folder, &|done, total| stages.report("importance maps", done, total))?;
+    let summary = compute(&job, &folder, &|done, total| {
+        stages.report("importance maps", done, total)
+    })?;
     stages.finish();
     let seconds = clock.elapsed().as_secs_f64();
     let report = Report {
@@ -141,7 +143,10 @@ fn print(report: &Report) {
         "{}: {} slices over {free}; {} computed in {:.1} s by `{}` on {} threads",
         report.material, report.slices, report.computed, report.seconds, report.solver, report.threads
     ));
-    output::line(&format!("{:<14}{:>8}{:>18}{:>12}", "θ_o", "maps", "fallbacks", "softened"));
+    output::line(&format!(
+        "{:<14}{:>8}{:>18}{:>12}",
+        "θ_o", "maps", "fallbacks", "softened"
+    ));
     for (stratum, label) in report.strata.iter().zip(["to 75°", "75 to 85°", "above 85°"]) {
         let percent = 100.0 * stratum.fallbacks as f64 / stratum.maps.max(1) as f64;
         output::line(&format!(

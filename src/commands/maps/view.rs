@@ -51,7 +51,11 @@ pub fn run(options: &MapsOptions) -> Result<()> {
     let origin: Origin = serde_json::from_str(&fingerprint)
         .with_context(|| format!("{}: not maps that this version wrote", folder.display()))?;
     let Some(solver) = Solver::find(&origin.solver) else {
-        bail!("{}: made by the unknown solver `{}`", folder.display(), origin.solver)
+        bail!(
+            "{}: made by the unknown solver `{}`",
+            folder.display(),
+            origin.solver
+        )
     };
     let stages = Stages::new();
     let mut viewed = Vec::new();
@@ -95,8 +99,12 @@ fn draw(
         &|done, total| stages.report("slice", done, total),
     )?;
     let views = charts(&bsdf, entry, solver)?;
-    let parameters: Vec<(String, f64)> =
-        origin.parameters.iter().cloned().zip(entry.parameters.clone()).collect();
+    let parameters: Vec<(String, f64)> = origin
+        .parameters
+        .iter()
+        .cloned()
+        .zip(entry.parameters.clone())
+        .collect();
     let values: Vec<String> = parameters.iter().map(|(n, v)| format!("{n} {v:.4}")).collect();
     let mut lines = vec![format!("θ {theta:.2}°, φ {phi:.2}°, solver {solver}")];
     lines.extend(values);
@@ -111,7 +119,12 @@ fn draw(
             title: format!("{} {index}", origin.material.name),
             lines,
             slice,
-            charts: views.into_iter().zip(&entry.charts).enumerate().map(chart_view).collect(),
+            charts: views
+                .into_iter()
+                .zip(&entry.charts)
+                .enumerate()
+                .map(chart_view)
+                .collect(),
         },
     )?;
     Ok(Viewed {

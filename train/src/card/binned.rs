@@ -69,8 +69,7 @@ impl<'a> BinnedSlice<'a> {
             on_disk = on_lattice(&disk, chart, LATTICE, sharp);
         }
         let sub = if stochastic { SMOOTH_SUB } else { SHARP_SUB };
-        let mut halves =
-            [0, 1].map(|h: usize| disk.integrate(sub, |wi| slices[h].smooth(wi).dot(LUMINANCE)));
+        let mut halves = [0, 1].map(|h: usize| disk.integrate(sub, |wi| slices[h].smooth(wi).dot(LUMINANCE)));
         let (mut bins, mut mass) = (disk, sum(&on_disk, &halves));
         if bins_of_90_percent(&mass) < NARROW_BINS {
             bins = Bins::Square(*chart);
@@ -129,8 +128,8 @@ fn on_lattice(bins: &Bins, chart: &Chart, side: usize, density: impl Fn(DVec3) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lobes::LobeSlice;
     use crate::lobes::Lobe;
+    use crate::lobes::LobeSlice;
     use bake_runtime::bsdf::direction;
     use bake_runtime::conductor::Conductor;
 
@@ -141,9 +140,14 @@ mod tests {
     fn midpoints_and_lattice_agree() {
         let bsdf = Conductor::new([0.15, 0.1], [0.9; 3]).expect("valid parameters");
         let wo = direction(50.0, 20.0);
-        let chart = LobeSlice::new(&bsdf, wo, 64, 0).expect("bright").chart(Lobe::Sharp);
+        let chart = LobeSlice::new(&bsdf, wo, 64, 0)
+            .expect("bright")
+            .chart(Lobe::Sharp);
         let density = |wi: DVec3| bsdf.single(wo, wi).x;
-        let (a, b) = (Bins::Disk.integrate(SHARP_SUB, density), on_lattice(&Bins::Disk, &chart, LATTICE, density));
+        let (a, b) = (
+            Bins::Disk.integrate(SHARP_SUB, density),
+            on_lattice(&Bins::Disk, &chart, LATTICE, density),
+        );
         let (sum_a, sum_b) = (a.iter().sum::<f64>(), b.iter().sum::<f64>());
         let distance: f64 = a.iter().zip(&b).map(|(a, b)| (a / sum_a - b / sum_b).abs()).sum();
         assert!(distance < LATTICE_TOL, "{distance}");

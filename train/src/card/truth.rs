@@ -7,8 +7,8 @@ use crate::lobes::{Lobe, LobeSlice};
 use crate::spline::{edge_cell_centre, edge_cell_weight};
 use bake_runtime::Rng;
 use bake_runtime::bsdf::shifted_r2;
-use bake_runtime::conductor::Conductor;
 use bake_runtime::chart::Chart;
+use bake_runtime::conductor::Conductor;
 use glam::DVec3;
 
 /// Walks behind the albedo.

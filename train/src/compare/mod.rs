@@ -115,7 +115,11 @@ pub fn slices_of(material: &Material, thetas_deg: &[f64]) -> Result<Vec<Target>>
         true => &[0.0, 0.5, 1.0],
         false => &[0.5],
     };
-    let phi = if azimuths_deg(material) > 0.0 { PHI_DEG } else { 0.0 };
+    let phi = if azimuths_deg(material) > 0.0 {
+        PHI_DEG
+    } else {
+        0.0
+    };
     let mut targets = Vec::new();
     for share in shares {
         let at = |label: &str| if rough(label) { *share } else { 0.5 };
@@ -131,7 +135,11 @@ pub fn slices_of(material: &Material, thetas_deg: &[f64]) -> Result<Vec<Target>>
         let bsdf = material.bind(&values)?;
         for &theta in thetas_deg {
             targets.push(Target::Slice {
-                name: format!("{} {}θ {theta}°", material.name, roughness.as_deref().unwrap_or("")),
+                name: format!(
+                    "{} {}θ {theta}°",
+                    material.name,
+                    roughness.as_deref().unwrap_or("")
+                ),
                 bsdf: Box::new(bsdf.clone()),
                 wo: direction(theta, phi),
             });
@@ -168,7 +176,13 @@ impl Source<'_> {
 ///
 /// # Errors
 /// [`Error::Slice`] or [`Error::Density`] for a target without energy; [`Error::Interrupted`] when `tick` breaks.
-pub fn compare(target: &Target, solvers: &[Solver], sides: &[usize], seed: u64, tick: Tick) -> Result<Comparison> {
+pub fn compare(
+    target: &Target,
+    solvers: &[Solver],
+    sides: &[usize],
+    seed: u64,
+    tick: Tick,
+) -> Result<Comparison> {
     match target {
         Target::Slice { name, bsdf, wo } => {
             let slice = LobeSlice::new(&**bsdf, *wo, WALKS, WALK_SEED)?;
@@ -260,7 +274,13 @@ impl PointRoute {
 }
 
 /// Makes one map; `None` for an exact assignment of too many points.
-fn make(raster: &Raster, source: &Source, solver: Solver, side: usize, points: &PointRoute) -> Result<Option<Made>> {
+fn make(
+    raster: &Raster,
+    source: &Source,
+    solver: Solver,
+    side: usize,
+    points: &PointRoute,
+) -> Result<Option<Made>> {
     let clock = Instant::now();
     let image = |image: MapImage, seconds: f64| Made {
         map: Box::new(image),
@@ -293,7 +313,8 @@ fn make(raster: &Raster, source: &Source, solver: Solver, side: usize, points: &
             }
         }
         (Solver::Frame, Source::Slice(slice)) => {
-            let charts: Vec<(Lobe, Chart)> = slice.charts().into_iter().map(|l| (l, slice.chart(l))).collect();
+            let charts: Vec<(Lobe, Chart)> =
+                slice.charts().into_iter().map(|l| (l, slice.chart(l))).collect();
             let maps = frame_map::solve(slice, &charts, side, &[])?;
             let seconds = clock.elapsed().as_secs_f64();
             let map = FrameMap::new(&maps);

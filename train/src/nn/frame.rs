@@ -31,9 +31,7 @@ impl FrameNetwork {
     /// A hash of its weights.
     pub fn hash(&self) -> u64 {
         let weights = self.layers.iter().flat_map(|l| l.weight.iter().chain(&l.bias));
-        weights.fold(0, |h: u64, w| {
-            h.rotate_left(5).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ u64::from(w.to_bits())
-        })
+        crate::maps::hash(weights.map(|w| u64::from(w.to_bits())))
     }
 
     /// Trains on `directions` with their fitted `targets`, in the widths that `spec` gives its frame network.

@@ -42,7 +42,10 @@ impl TrainingSet {
         order.sort_by(|a, b| b.wo[2].total_cmp(&a.wo[2]));
         let plane = |c: usize| {
             let spline = |s: &&MappedSlice| {
-                let values: Vec<f64> = s.charts[0].table.log_density[c].iter().map(|&v| f64::from(v)).collect();
+                let values: Vec<f64> = s.charts[0].table.log_density[c]
+                    .iter()
+                    .map(|&v| f64::from(v))
+                    .collect();
                 EdgeSpline::new(&values, s.charts[0].table.cells)
             };
             Arc::new(order.par_iter().map(spline).collect::<Vec<_>>())

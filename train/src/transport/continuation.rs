@@ -18,6 +18,8 @@ pub const FOLDS_MAX: f64 = 1e-4;
 /// A solve that leaves or doubles more than this share of the square is rejected; midpoints see up to a thousandth where
 /// nothing is wrong.
 const UNCOVERED_MAX: f64 = 1e-2;
+/// Densities that would have to be softened by more mass than this are left to the marginal map, which bins better then.
+const SOFTENED_MAX: f64 = 0.02;
 /// Places per cell and side at which folds are looked for.
 const FOLD_SUB: usize = 4;
 /// Root mean square residual at which Newton's method has converged on the target density.
@@ -125,7 +127,11 @@ pub fn solve(log_q: &[f64], cells: usize, near: Option<&[f64]>) -> Option<Solved
     let mut first = FIRST_SHARE;
     loop {
         let side = path.state.side as f64;
-        let coarse = soften(&blur(log_q, cells, BLUR * cells as f64 / side), cells, FALL * side);
+        let coarse = soften(
+            &blur(log_q, cells, BLUR * cells as f64 / side),
+            cells,
+            FALL * side,
+        );
         // What a coarse grid cannot follow to the end, the next one does.
         let arrived = path.follow(&coarse, first, [PASSED; 2]);
         first = if arrived { 1.0 } else { FIRST_SHARE };
@@ -136,12 +142,12 @@ pub fn solve(log_q: &[f64], cells: usize, near: Option<&[f64]>) -> Option<Solved
     }
     let softer = soften(log_q, cells, FALL * cells as f64);
     [log_q, &softer].into_iter().find_map(|density| {
+        let softened = moved(log_q, density, cells);
         let mut end = path.clone();
-        if !end.follow(density, first, [CORRECTABLE, ACCEPTED]) {
+        if softened > SOFTENED_MAX || !end.follow(density, first, [CORRECTABLE, ACCEPTED]) {
             return None;
         }
-        let solved = corrected(&EdgeSpline::new(density, cells), end.state)?;
-        guarded(solved, moved(log_q, density, cells))
+        guarded(corrected(&EdgeSpline::new(density, cells), end.state)?, softened)
     })
 }
 

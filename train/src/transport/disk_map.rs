@@ -83,7 +83,8 @@ pub fn raster(slice: &LobeSlice, side: usize) -> Result<Raster> {
             // dω = dx dy / z, and [−1, 1]² has area 4.
             let z = z2.sqrt();
             let light = slice.f_cos(Lobe::Smooth, DVec3::new(x, y, z)).dot(LUMINANCE);
-            mass[k / fine / PIXEL_SUB * side + k % fine / PIXEL_SUB] += 4.0 * light / z / (fine * fine) as f64;
+            mass[k / fine / PIXEL_SUB * side + k % fine / PIXEL_SUB] +=
+                4.0 * light / z / (fine * fine) as f64;
         }
     }
     if let Some(chart) = slice.sharp_chart() {
@@ -92,7 +93,8 @@ pub fn raster(slice: &LobeSlice, side: usize) -> Result<Raster> {
         for k in 0..nodes {
             let (wi, area) = direction_at(&chart, edge_cell_centre(k, LATTICE));
             let light = slice.f_cos(Lobe::Sharp, wi).dot(LUMINANCE);
-            mass[pixel(wi.y) * side + pixel(wi.x)] += light * area * edge_cell_weight(k, LATTICE) / nodes as f64;
+            mass[pixel(wi.y) * side + pixel(wi.x)] +=
+                light * area * edge_cell_weight(k, LATTICE) / nodes as f64;
         }
     }
     Raster::new(side, &mass)
@@ -141,7 +143,12 @@ mod tests {
         let raster = raster(&slice, SIDE).expect("bright");
         let truth = BinnedSlice::new(&bsdf, slice.wo, &slice.chart(Lobe::Sharp));
         let total: f64 = truth.mass.iter().sum();
-        let distance: f64 = raster.mass.iter().zip(&truth.mass).map(|(a, b)| (a - b / total).abs()).sum();
+        let distance: f64 = raster
+            .mass
+            .iter()
+            .zip(&truth.mass)
+            .map(|(a, b)| (a - b / total).abs())
+            .sum();
         assert!(distance < RASTER_TOL, "{distance}");
     }
 
@@ -150,7 +157,9 @@ mod tests {
         let raster = Raster::new(4, &[1.0; 16]).expect("even");
         let go_on = |_: u64, _: u64| ControlFlow::Continue(());
         for (solver, side, word) in [(Solver::Exact, 128, "16384 points"), (Solver::Frame, 16, "slice")] {
-            let error = image(&raster, solver, side, 1, &go_on).expect_err("refused").to_string();
+            let error = image(&raster, solver, side, 1, &go_on)
+                .expect_err("refused")
+                .to_string();
             assert!(error.contains(word), "{error}");
         }
     }

@@ -60,11 +60,7 @@ impl Rectangle {
             let (i, j) = (k as usize % side, k as usize / side);
             (self.x[0]..self.x[1]).contains(&i) && (self.y[0]..self.y[1]).contains(&j)
         };
-        outer
-            .unknowns(side)
-            .into_iter()
-            .filter(|k| !inside(*k))
-            .collect()
+        outer.unknowns(side).into_iter().filter(|k| !inside(*k)).collect()
     }
 }
 
@@ -122,7 +118,10 @@ impl Dissection {
             .into_iter()
             .map(|c| {
                 let child: &Front = &self.fronts[c];
-                (c, child.unknowns[child.own..].iter().map(|k| position[k]).collect())
+                (
+                    c,
+                    child.unknowns[child.own..].iter().map(|k| position[k]).collect(),
+                )
             })
             .collect();
         self.fronts.push(Front {
@@ -221,7 +220,10 @@ impl Dissection {
             }
             let (known, others) = local.split_at_mut(own);
             let below = kept[own * m..].chunks_exact(own);
-            others.iter_mut().zip(below).for_each(|(x, row)| *x -= dot(row, known));
+            others
+                .iter_mut()
+                .zip(below)
+                .for_each(|(x, row)| *x -= dot(row, known));
             let places = front.unknowns.iter().zip(&local);
             places.for_each(|(k, x)| column[*k as usize] = *x);
         }
@@ -249,7 +251,9 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     let ((a, a_rest), (b, b_rest)) = (a[..n].as_chunks::<SUMS>(), b[..n].as_chunks::<SUMS>());
     let mut sums = [0.0; SUMS];
     for (a, b) in a.iter().zip(b) {
-        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(s, (a, b))| *s += a * b);
+        sums.iter_mut()
+            .zip(a.iter().zip(b))
+            .for_each(|(s, (a, b))| *s += a * b);
     }
     let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
     sums.iter().sum::<f64>() + rest
@@ -329,7 +333,8 @@ mod tests {
         };
         (0..n * n)
             .map(|k| {
-                let slots = (0..9).map(|s| rows[k as usize][s as usize] * at(k % n + s % 3 - 1, k / n + s / 3 - 1));
+                let slots =
+                    (0..9).map(|s| rows[k as usize][s as usize] * at(k % n + s % 3 - 1, k / n + s / 3 - 1));
                 slots.sum()
             })
             .collect()
@@ -345,7 +350,11 @@ mod tests {
             let x: Vec<f64> = (0..side * side).map(|_| rng.uniform()).collect();
             let mut right = [apply(side, &rows, &x)];
             assert!(Dissection::new(side).solve(&rows, &mut right));
-            let error = right[0].iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let error = right[0]
+                .iter()
+                .zip(&x)
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f64::max);
             assert!(error < RESIDUAL_TOL, "side {side}: {error}");
         }
         assert!(!Dissection::new(4).solve(&[[0.0; 9]; 16], &mut [vec![1.0; 16]]));

@@ -150,7 +150,10 @@ impl FrameMap {
     /// The map made of these charts.
     pub fn new(charts: &[ChartMap]) -> FrameMap {
         FrameMap {
-            charts: charts.iter().map(|c| (c.share, c.chart, c.square_map())).collect(),
+            charts: charts
+                .iter()
+                .map(|c| (c.share, c.chart, c.square_map()))
+                .collect(),
         }
     }
 
@@ -248,7 +251,11 @@ mod tests {
             })
             .sum();
         let albedo: f64 = charts.iter().map(|c| c.table.albedo().dot(LUMINANCE)).sum();
-        assert!((sum / n as f64 / albedo - 1.0).abs() < ALBEDO_TOL, "{} {albedo}", sum / n as f64);
+        assert!(
+            (sum / n as f64 / albedo - 1.0).abs() < ALBEDO_TOL,
+            "{} {albedo}",
+            sum / n as f64
+        );
     }
 
     #[test]
@@ -273,7 +280,10 @@ mod tests {
                 let (x, y) = (d([h, 0.0]), d([0.0, h]));
                 let found = x[0] * y[1] - x[1] * y[0];
                 assert!(determinant > 0.0);
-                assert!((found / determinant - 1.0).abs() < DIFFERENCE_TOL, "{found} {determinant}");
+                assert!(
+                    (found / determinant - 1.0).abs() < DIFFERENCE_TOL,
+                    "{found} {determinant}"
+                );
             }
         }
     }

@@ -6,8 +6,8 @@ use bake_runtime::chart::Chart;
 use bake_runtime::frame::{Frame, mirror_anchor};
 use glam::DVec3;
 
-/// How much more than its roughness pulls the boost of a lobe back from the horizon: chosen for even densities and few
-/// Newton steps among 0, ½, 1, 2 and 4, over alpha 0.01–1 and θ_o up to 89°.
+/// How much more than its roughness pulls the boost of a lobe back from the horizon: chosen for the binning errors of 240
+/// slices, alpha 0.01–1 along both axes and θ_o 75–89.5°, among 1, 2 and 4, and among other mean roughnesses.
 const PULL: f64 = 2.0;
 
 /// Largest variance of directional slopes that a start has: wider lobes fill the hemisphere.
@@ -18,12 +18,11 @@ const VARIANCE_MIN: f64 = 1e-12;
 /// The chart from which the fit of a lobe mirrored at a surface of roughness `alpha` starts, for a unit `wo` above the
 /// horizon.
 ///
-/// The narrower roughness pulls the boost back, b = −(x, y)/(z + pull): a long narrow lobe stays straight only under
-/// nearly the full boost. Slopes of half vectors around the normal are facet slopes with the part along wo's azimuth over
+/// The roughness of facets that tilt within the plane of `wo` pulls the boost back, b = −(x, y)/(z + pull·sin θ): a long
+/// lobe that leaves that plane stays straight only under nearly the full boost. Slopes of half vectors around the normal are facet slopes with the part along wo's azimuth over
 /// cos θ (see [`bake_runtime::boost`]); slopes of directions are about twice those.
 pub fn mirror_chart(wo: DVec3, alpha: [f64; 2]) -> Chart {
-    let narrower = alpha[0].min(alpha[1]);
-    let slope = mirror_anchor(wo.to_array(), [PULL * narrower; 2]);
+    let slope = mirror_anchor(wo.to_array(), [PULL * alpha_within(wo, alpha); 2]);
     let steepness = slope[0].hypot(slope[1]);
     let along = match steepness > 0.0 {
         true => slope.map(|s| s / steepness),
@@ -39,6 +38,15 @@ pub fn mirror_chart(wo: DVec3, alpha: [f64; 2]) -> Chart {
     Chart {
         frame: frame_of(capped([variance(0, 0), variance(0, 1), variance(1, 1)])),
         boost: Boost::to_slope(slope),
+    }
+}
+
+/// Half the chord that the plane of `wo` cuts out of the ellipse with semi-axes `alpha`.
+fn alpha_within(wo: DVec3, alpha: [f64; 2]) -> f64 {
+    let sin = wo.x.hypot(wo.y);
+    match sin > 0.0 {
+        true => alpha[0] * alpha[1] * sin / (alpha[0] * wo.y).hypot(alpha[1] * wo.x),
+        false => alpha[0].min(alpha[1]),
     }
 }
 
@@ -93,6 +101,15 @@ mod tests {
         let smooth = towards(1e-6);
         assert!((smooth[0] + wo.x).abs() < 1e-5 && (smooth[1] + wo.y).abs() < 1e-5);
         assert!(towards(0.5)[2] > smooth[2]);
+    }
+
+    #[test]
+    fn roughness_within_the_plane_of_the_camera() {
+        for (phi, expected) in [(0.0, 0.3), (90.0, 0.1), (45.0, 0.3 * 0.1 * (2.0f64 / 0.1).sqrt())] {
+            let found = alpha_within(direction(60.0, phi), [0.3, 0.1]);
+            assert!((found - expected).abs() < TOL, "{found} {expected}");
+        }
+        assert_eq!(alpha_within(DVec3::Z, [0.3, 0.1]), 0.1);
     }
 
     #[test]

@@ -118,7 +118,13 @@ fn derivatives(coefficients: &[f64], n: usize, k: usize) -> [f64; 5] {
         sums[3] += VALUE[x] * CURVATURE[y] * c;
         sums[4] += SLOPE[x] * SLOPE[y] * c;
     }
-    [h * sums[0], h * sums[1], h * h * sums[2], h * h * sums[3], h * h * sums[4]]
+    [
+        h * sums[0],
+        h * sums[1],
+        h * h * sums[2],
+        h * h * sums[3],
+        h * h * sums[4],
+    ]
 }
 
 /// Evaluates the equation; `None` where the map folds.

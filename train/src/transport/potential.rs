@@ -116,9 +116,17 @@ mod tests {
             let (x, y) = (step([h, 0.0]), step([0.0, h]));
             let [a, b, m] = here.derivative;
             for (found, expected) in [(x[0], a), (x[1], m), (y[0], m), (y[1], b)] {
-                assert!((found - expected).abs() < DIFFERENCE_TOL, "{found} {expected} at {u:?}");
+                assert!(
+                    (found - expected).abs() < DIFFERENCE_TOL,
+                    "{found} {expected} at {u:?}"
+                );
             }
-            for (edge, c) in [([0.0, u[1]], 0), ([1.0, u[1]], 0), ([u[0], 0.0], 1), ([u[0], 1.0], 1)] {
+            for (edge, c) in [
+                ([0.0, u[1]], 0),
+                ([1.0, u[1]], 0),
+                ([u[0], 0.0], 1),
+                ([u[0], 1.0], 1),
+            ] {
                 assert!((potential.at(edge).image[c] - edge[c]).abs() < EDGE_TOL);
             }
         }

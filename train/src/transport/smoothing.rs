@@ -36,7 +36,10 @@ pub fn blur(log_q: &[f64], cells: usize, sigma: f64) -> Vec<f64> {
     };
     let area = areas(cells);
     let mass: Vec<f64> = log_q.iter().zip(&area).map(|(l, a)| l.exp() * a).collect();
-    let ratio = pass(&mass).into_iter().zip(pass(&area)).map(|(m, a)| (m / a).ln());
+    let ratio = pass(&mass)
+        .into_iter()
+        .zip(pass(&area))
+        .map(|(m, a)| (m / a).ln());
     ratio.collect()
 }
 
@@ -91,14 +94,24 @@ mod tests {
 
     fn cliff(cells: usize) -> Vec<f64> {
         (0..cells * cells)
-            .map(|k| if edge_cell_centre(k, cells)[0] > 0.6 { -4.0 } else { 0.5 })
+            .map(|k| {
+                if edge_cell_centre(k, cells)[0] > 0.6 {
+                    -4.0
+                } else {
+                    0.5
+                }
+            })
             .collect()
     }
 
     #[test]
     fn blur_keeps_constants_and_smooths_cliffs() {
         let n = 32;
-        assert!(blur(&vec![0.3; n * n], n, 1.7).iter().all(|l| (l - 0.3).abs() < MASS_TOL));
+        assert!(
+            blur(&vec![0.3; n * n], n, 1.7)
+                .iter()
+                .all(|l| (l - 0.3).abs() < MASS_TOL)
+        );
         let blurred = blur(&cliff(n), n, 2.0);
         let steepest = |l: &[f64]| (1..n).map(|i| (l[i] - l[i - 1]).abs()).fold(0.0, f64::max);
         assert!(steepest(&blurred) < 0.5 * steepest(&cliff(n)));

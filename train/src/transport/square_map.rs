@@ -58,13 +58,8 @@ pub struct PictureMap {
 /// Share of an even density mixed into a picture, whose black parts have none.
 const EVEN_SHARE: f64 = 0.005;
 
-/// Least and most mass, of 1, that the cells of the map must see in a picture: a dot between their centres is not seen at
-/// all, and the map would be one of the black around it.
-const SEEN: [f64; 2] = [0.5, 2.0];
-
 impl PictureMap {
-    /// Solves the map of `raster` on `cells`² cells (16·2^k); the marginal map stands in where that fails, or
-    /// where the cells do not see the picture.
+    /// Solves the map of `raster` on `cells`² cells (16·2^k); the marginal map stands in where that fails.
     pub fn new(raster: &Raster, cells: usize) -> PictureMap {
         let density: Vec<f64> = raster
             .mass
@@ -78,10 +73,9 @@ impl PictureMap {
                 sums.mean(side(k % cells), side(k / cells)).ln()
             })
             .collect();
-        let seen = super::smoothing::mass(&log_q, cells);
-        log_q.iter_mut().for_each(|l| *l -= seen.ln());
-        let fits = (SEEN[0]..=SEEN[1]).contains(&seen);
-        match fits.then(|| continuation::solve(&log_q, cells, None)).flatten() {
+        let scale = super::smoothing::mass(&log_q, cells).ln();
+        log_q.iter_mut().for_each(|l| *l -= scale);
+        match continuation::solve(&log_q, cells, None) {
             Some(solved) => PictureMap {
                 square: SquareMap::Potential(Potential::new(cells, &solved.transport.potential)),
                 softened: solved.softened + EVEN_SHARE,
