@@ -249,7 +249,7 @@ fn places_start_from_their_nearest_and_stay_above_the_horizon() {
 #[test]
 fn a_material_is_compared_at_three_roughnesses_and_five_angles() {
     let names = |json: &str| -> Vec<String> {
-        let targets = slices_of(&material(json)).expect("valid parameters");
+        let targets = slices_of(&material(json), &THETAS_DEG).expect("valid parameters");
         targets
             .iter()
             .map(|target| match target {

@@ -33,8 +33,6 @@ const FOLDS_MAX: f64 = 1e-4;
 /// Largest share of a limit that the floor of its measurement may take: beyond it, a limit says little about maps.
 const FLOOR_SHARE: f64 = 0.25;
 
-/// Largest binning L1 of needles as it is, not as it should be: 0.111, 0.091 and 0.051 are measured.
-const NEEDLE_L1_MAX: f64 = 0.12;
 /// Slices of a family behind the share that falls back, and the largest such share.
 const DRAWN: usize = 200;
 const FALLBACKS_MAX: f64 = 0.02;
@@ -151,17 +149,18 @@ fn layered_and_principled_surfaces() {
     ]);
 }
 
-/// Needles: lobes ten times as long as wide and more, seen from 87° on and not along an axis, miss the limit by up to a factor
-/// of two. What holds is [`NEEDLE_L1_MAX`]; nothing folds, and nothing falls back.
+/// Needles, thirty times as long as wide and seen from 87° on off their axes, are too much for Newton's method: a marginal map
+/// stands in, says so, and keeps the limit.
 #[test]
 fn needles_next_to_the_horizon() {
-    let needles = [([0.01, 0.3], 89.0), ([0.03, 0.3], 89.0), ([0.05, 0.5], 87.0)];
-    needles.par_iter().for_each(|(alpha, theta)| {
+    let needles = [([0.01, 0.3], 89.0), ([0.3, 0.01], 87.0), ([0.03, 0.3], 89.0), ([0.05, 0.5], 87.0)];
+    let fallbacks = needles.par_iter().map(|(alpha, theta)| {
         let found = measured(&conductor(*alpha), *theta);
-        assert!(!found.fallback, "{alpha:?}: {found:?}");
-        assert!(found.binning_l1 <= NEEDLE_L1_MAX, "{alpha:?}: {found:?}");
+        assert!(found.binning_l1 <= found.limit(), "{alpha:?}: {found:?}");
         assert!(found.folds <= FOLDS_MAX, "{alpha:?}: {found:?}");
+        usize::from(found.fallback)
     });
+    assert!((1..=2).contains(&fallbacks.sum::<usize>()));
 }
 
 /// Over the whole domain of every family, up to 89.9°.

@@ -134,7 +134,7 @@ mod tests {
     use bake_runtime::conductor::Conductor;
 
     /// A bin's edge cuts through lattice cells: half of them land on the wrong side at worst.
-    const LATTICE_TOL: f64 = 3e-3;
+    const LATTICE_TOL: f64 = 4e-3;
 
     #[test]
     fn midpoints_and_lattice_agree() {
@@ -151,6 +151,6 @@ mod tests {
         let (sum_a, sum_b) = (a.iter().sum::<f64>(), b.iter().sum::<f64>());
         let distance: f64 = a.iter().zip(&b).map(|(a, b)| (a / sum_a - b / sum_b).abs()).sum();
         assert!(distance < LATTICE_TOL, "{distance}");
-        assert!((sum_a / sum_b - 1.0).abs() < LATTICE_TOL);
+        assert!((sum_a / sum_b - 1.0).abs() < LATTICE_TOL, "{sum_a} {sum_b}");
     }
 }
