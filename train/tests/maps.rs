@@ -153,7 +153,12 @@ fn layered_and_principled_surfaces() {
 /// stands in, says so, and keeps the limit.
 #[test]
 fn needles_next_to_the_horizon() {
-    let needles = [([0.01, 0.3], 89.0), ([0.3, 0.01], 87.0), ([0.03, 0.3], 89.0), ([0.05, 0.5], 87.0)];
+    let needles = [
+        ([0.01, 0.3], 89.0),
+        ([0.3, 0.01], 87.0),
+        ([0.03, 0.3], 89.0),
+        ([0.05, 0.5], 87.0),
+    ];
     let fallbacks = needles.par_iter().map(|(alpha, theta)| {
         let found = measured(&conductor(*alpha), *theta);
         assert!(found.binning_l1 <= found.limit(), "{alpha:?}: {found:?}");
