@@ -3,12 +3,12 @@
 //! The sharp lobe by quadrature, the smooth one by midpoints over two independent sets of walks, which also tell its
 //! noise. A sharp lobe that is too narrow for midpoints of disk bins is integrated on the lattice of its own chart.
 
-use super::bins::{Bins, NARROW_BINS, SIDE, bins_of_90_percent, l1};
+use super::bins::{Bins, NARROW_BINS, SIDE, bins_of_90_percent};
 use crate::lobes::{LUMINANCE, direction_at};
 use crate::spline::{edge_cell_centre, edge_cell_weight};
-use crate::transport::marginal::MarginalMap;
+use crate::transport::measure;
 use bake_runtime::Bsdf;
-use bake_runtime::bsdf::{Rest, Slice, shifted_r2};
+use bake_runtime::bsdf::{Rest, Slice};
 use bake_runtime::chart::Chart;
 use glam::DVec3;
 
@@ -103,14 +103,7 @@ impl<'a> BinnedSlice<'a> {
     /// What a perfect map would score in binning L1 with `points` R2 points: the discrepancy of the points,
     /// plus the noise of the truth.
     pub fn floor(&self, points: u64) -> f64 {
-        let mut counts = vec![0u64; SIDE * SIDE];
-        let invert = MarginalMap::new(&self.mass, SIDE);
-        for i in 0..points {
-            let p = invert.at(shifted_r2(i, [0.0; 2]));
-            let cell = |v: f64| ((v * SIDE as f64) as usize).min(SIDE - 1);
-            counts[cell(p[1]) * SIDE + cell(p[0])] += 1;
-        }
-        l1(&counts, &self.mass) + self.noise_l1
+        measure::binning_floor(&self.mass, points) + self.noise_l1
     }
 }
 
