@@ -1,10 +1,13 @@
 //! The same networks from the same seed, byte for byte: at one thread and at two, interrupted or not.
 
+#[path = "support/files.rs"]
+mod files;
+
 use bake_runtime::{Family, Material};
 use bake_train::Error;
 use bake_train::bake::{Effort, Stage, bake};
 use bake_train::database::SHARD_SLICES;
-use std::collections::BTreeMap;
+use files::{Files, assert_same};
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -19,8 +22,6 @@ const SEED: u64 = 7;
 const GOLD: [f64; 3] = [1.0, 0.782, 0.344];
 /// Another metal: with the vase's roughness it has the same directions and anchors, but other slices.
 const SILVER: [f64; 3] = [0.97, 0.96, 0.91];
-
-type Files = BTreeMap<String, Vec<u8>>;
 
 #[test]
 fn one_and_two_threads_give_the_same_bytes_and_another_seed_gives_others() {
@@ -157,17 +158,4 @@ fn temporary_files(folder: &Path) -> Vec<std::path::PathBuf> {
     paths
         .filter(|path| path.extension().is_some_and(|e| e == "tmp"))
         .collect()
-}
-
-fn assert_same(expected: &Files, found: &Files) {
-    assert!(
-        expected.keys().eq(found.keys()),
-        "{:?} and {:?}",
-        expected.keys(),
-        found.keys()
-    );
-    for (name, bytes) in expected {
-        let first = bytes.iter().zip(&found[name]).position(|(a, b)| a != b);
-        assert!(*bytes == found[name], "{name} differs, first at byte {first:?}");
-    }
 }

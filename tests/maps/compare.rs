@@ -8,6 +8,7 @@ use bake_scenes::picture::write_codes;
 use bake_train::transport::Solver;
 use serde_json::Value;
 use std::collections::BTreeSet;
+use std::process::Command;
 
 /// Polar angles of `wo` that are compared, degrees.
 const THETAS_DEG: [f64; 5] = [10.0, 45.0, 75.0, 85.0, 89.0];
@@ -34,6 +35,11 @@ const COST_TOL: f64 = 1e-9;
 const SLOPE_L1_MAX: f64 = 0.04;
 /// Pixels of the picture.
 const SIZE: [usize; 2] = [48, 32];
+
+/// `bake maps SUBJECT --compare --cells CELLS` and what else is asked.
+fn compare(studio: &Studio, subject: &str, cells: &str, more: &[&str]) -> Command {
+    studio.bake(&[&["maps", subject, "--compare", "--cells", cells], more].concat())
+}
 
 /// Asserts that `rows` are those of `slices` by `solvers`.
 fn assert_rows(rows: &Value, slices: &[String], solvers: &[Solver]) {
@@ -87,17 +93,12 @@ fn write_slope(studio: &Studio) {
 fn rows_of_a_picture() {
     let studio = Studio::new();
     write_slope(&studio);
-    let arguments = [
-        "maps",
+    let rows = json(compare(
+        &studio,
         "slope.png",
-        "--compare",
-        "--cells",
         "32",
-        "--out",
-        "compared",
-        "--json",
-    ];
-    let rows = json(studio.bake(&arguments));
+        &["--out", "compared", "--json"],
+    ));
     assert_rows(&rows, &["slope".into()], &Solver::ALL);
     let frame = rows.as_array().and_then(|rows| rows.last()).expect("rows");
     assert!(frame["binning_l1"].as_f64() < Some(SLOPE_L1_MAX), "{frame}");
@@ -108,17 +109,12 @@ fn rows_of_a_picture() {
 #[test]
 fn rows_of_a_material() {
     let studio = studio();
-    let arguments = [
-        "maps",
+    let rows = json(compare(
+        &studio,
         METAL,
-        "--compare",
-        "--cells",
         "32",
-        "--set",
-        "roughness=0.5",
-        "--json",
-    ];
-    let rows = json(studio.bake(&arguments));
+        &["--set", "roughness=0.5", "--json"],
+    ));
     let slices = THETAS_DEG.map(|theta| format!("metal θ {theta}°"));
     assert_rows(&rows, &slices, &Solver::ALL);
     assert!(studio.path("out/maps/metal/comparison.png").exists());
@@ -129,16 +125,9 @@ fn rows_of_a_material() {
 fn ctrl_c_ends_a_comparison() {
     let studio = Studio::new();
     write_slope(&studio);
-    let arguments = [
-        "maps",
-        "slope.png",
-        "--compare",
-        "--cells",
-        "128,256",
-        "--out",
-        "compared",
-    ];
-    let mut child = studio.bake(&arguments).spawn().expect("the program starts");
+    let mut child = compare(&studio, "slope.png", "128,256", &["--out", "compared"])
+        .spawn()
+        .expect("the program starts");
     wait_for(&mut child, || studio.path("compared").exists());
     let said = interrupt(child, &studio);
     assert!(said.ends_with("bake: interrupted\n"), "{said}");
@@ -150,16 +139,12 @@ fn ctrl_c_ends_a_comparison() {
 fn a_table_of_some_solvers() {
     let studio = Studio::new();
     write_slope(&studio);
-    let arguments = [
-        "maps",
+    let table = succeed(compare(
+        &studio,
         "slope.png",
-        "--compare",
-        "--cells",
         "32",
-        "--solver",
-        "frame,marginal",
-    ];
-    let table = succeed(studio.bake(&arguments));
+        &["--solver", "frame,marginal"],
+    ));
     let rows: Vec<&str> = table.lines().filter(|line| line.starts_with("slope")).collect();
     assert!(
         rows.len() == 2 && rows[0].contains("frame") && rows[1].contains("marginal"),

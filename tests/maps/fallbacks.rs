@@ -1,8 +1,9 @@
 //! Slices that Newton's method cannot follow: marginal maps stand in, the run says so and ends with an error, and goes on
 //! when told to.
 
+use crate::files::assert_same;
 use crate::slices_file::SlicesFile;
-use crate::{FAILED, OUT, assert_same, json, maps, run, shards, studio};
+use crate::{FAILED, OUT, json, maps, run, shards, studio};
 
 /// Slices of the database.
 const COUNT: usize = 4;

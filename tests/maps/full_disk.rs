@@ -2,8 +2,9 @@
 //!
 //! The disk is full at a limit on the size of files, which a test can set without being a superuser.
 
+use crate::files::assert_same;
 use crate::program::Studio;
-use crate::{METAL, OUT, SHARD_SLICES, assert_same, fails, maps, shards, studio, succeed, unfinished};
+use crate::{METAL, OUT, SHARD_SLICES, fails, maps, shards, studio, succeed, unfinished};
 use std::process::{Command, Stdio};
 
 /// Starts its arguments with files of at most a quarter of a mebibyte, a twelfth of a shard; writes beyond it fail, as

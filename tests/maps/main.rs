@@ -4,6 +4,8 @@
 
 #[path = "../support/complaint.rs"]
 mod complaint;
+#[path = "../support/files.rs"]
+mod files;
 #[path = "../support/program.rs"]
 mod program;
 #[path = "../support/python.rs"]
@@ -22,10 +24,10 @@ mod reader;
 mod refusals;
 mod resume;
 
+use files::Files;
 use program::{Studio, finish};
 use safetensors::SafeTensors;
 use serde_json::Value;
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Output};
 use std::time::Duration;
@@ -47,9 +49,6 @@ const METAL_TEXT: &str = "family = \"principled\"\nmetallic = 1.0\nroughness = 0
 const PLASTIC: &str = "scenes/materials/plastic.toml";
 /// Its text.
 const PLASTIC_TEXT: &str = "family = \"principled\"\nroughness = { min = 0.2, max = 0.4 }\n";
-
-/// The files of shards by name.
-type Shards = BTreeMap<String, Vec<u8>>;
 
 /// A studio with [`METAL`] and [`PLASTIC`] beside the vase.
 fn studio() -> Studio {
@@ -105,8 +104,8 @@ fn fails(command: Command, parts: &[&str]) {
 }
 
 /// The shards in [`OUT`], every one of which must be whole; nothing else may be there but pictures.
-fn shards(studio: &Studio) -> Shards {
-    let mut found = Shards::new();
+fn shards(studio: &Studio) -> Files {
+    let mut found = Files::new();
     let Ok(entries) = std::fs::read_dir(studio.path(OUT)) else {
         return found;
     };
@@ -133,17 +132,4 @@ fn name_of(path: &Path) -> String {
 fn unfinished(studio: &Studio) -> Vec<String> {
     let names = studio.listing().into_keys().map(|path| name_of(&path));
     names.filter(|name| name.ends_with(".tmp")).collect()
-}
-
-fn assert_same(expected: &Shards, found: &Shards) {
-    assert!(
-        expected.keys().eq(found.keys()),
-        "{:?} and {:?}",
-        expected.keys(),
-        found.keys()
-    );
-    for (name, bytes) in expected {
-        let first = bytes.iter().zip(&found[name]).position(|(a, b)| a != b);
-        assert!(*bytes == found[name], "{name} differs, first at byte {first:?}");
-    }
 }

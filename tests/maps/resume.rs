@@ -1,8 +1,9 @@
 //! Databases that are killed, interrupted or grown become, byte by byte, those of one uninterrupted run.
 
+use crate::files::{Files, assert_same};
 use crate::program::Studio;
 use crate::signals::{interrupt, wait_for};
-use crate::{METAL, OUT, SHARD_SLICES, Shards, assert_same, json, maps, shards, studio, succeed};
+use crate::{METAL, OUT, SHARD_SLICES, json, maps, shards, studio, succeed};
 use std::os::unix::process::ExitStatusExt;
 use std::sync::OnceLock;
 
@@ -18,8 +19,8 @@ fn vase(studio: &Studio, more: &[&str]) -> std::process::Command {
 }
 
 /// Shards of the vase in one go, at two threads.
-fn whole() -> &'static Shards {
-    static WHOLE: OnceLock<Shards> = OnceLock::new();
+fn whole() -> &'static Files {
+    static WHOLE: OnceLock<Files> = OnceLock::new();
     WHOLE.get_or_init(|| {
         let studio = Studio::new();
         succeed(vase(&studio, &["--threads", "2"]));

@@ -191,6 +191,12 @@ impl<'a> LobeSlice<'a> {
         }
     }
 
+    /// The lobes that get charts, with the charts fitted to them.
+    pub fn fitted(&self) -> Vec<(Lobe, Chart)> {
+        let lobes = self.charts().into_iter();
+        lobes.map(|lobe| (lobe, self.chart(lobe))).collect()
+    }
+
     /// The chart fitted to a lobe.
     pub fn chart(&self, lobe: Lobe) -> Chart {
         let alike = self.slice.rest() == Rest::Alike || matches!(self.smooth, Smooth::Black);

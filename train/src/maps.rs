@@ -174,10 +174,7 @@ impl Job<'_> {
         let charts = match (self.solver, self.charts) {
             (Solver::Frame, charts) => {
                 let charts: Vec<(Lobe, Chart)> = match charts {
-                    Charts::Fitted => {
-                        let lobes = slice.charts().into_iter();
-                        lobes.map(|lobe| (lobe, slice.chart(lobe))).collect()
-                    }
+                    Charts::Fitted => slice.fitted(),
                     Charts::Predicted(network) => vec![(Lobe::Whole, Chart::of_frame(network.predict(*wo)))],
                 };
                 let near: Vec<Option<&[f32]>> = (0..charts.len())

@@ -10,7 +10,6 @@ use crate::transport::map::{ImportanceMap, MapImage};
 use crate::transport::points::to_disk;
 use crate::transport::{Solver, disk_map, measure};
 use bake_runtime::Reference;
-use bake_runtime::bsdf::shifted_r2;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -69,11 +68,10 @@ fn in_square(slice: &LobeSlice, chart: &ChartMap, lobe: Lobe) -> ChartView {
         slice.f_cos(lobe, wi) * area
     };
     let cell = |v: f64| ((v * SIDE as f64) as usize).min(SIDE - 1);
-    let mut counts = vec![0u64; SIDE * SIDE];
-    for i in 0..measure::BINNING_POINTS {
-        let (s, _) = square.at(shifted_r2(i, [0.0; 2]));
-        counts[cell(s[1]) * SIDE + cell(s[0])] += 1;
-    }
+    let counts = measure::count(measure::BINNING_POINTS, |u| {
+        let (s, _) = square.at(u);
+        cell(s[1]) * SIDE + cell(s[0])
+    });
     let fine = SIDE * BIN_SUB;
     let lit: Vec<f64> = (0..fine * fine)
         .into_par_iter()

@@ -3,12 +3,12 @@
 //!
 //! Truth comes from the reference models alone ([`BinnedSlice`]), never from a table that a map was solved from.
 
-use bake_runtime::bsdf::{direction, shifted_r2};
+use bake_runtime::bsdf::direction;
 use bake_runtime::chart::Chart;
 use bake_runtime::field::Fields;
 use bake_runtime::{Material, Reference};
 use bake_train::card::binned::BinnedSlice;
-use bake_train::card::bins::{SIDE, l1};
+use bake_train::card::bins::l1;
 use bake_train::lobes::{LobeSlice, WALKS};
 use bake_train::maps::{CELLS, Charts, Job, WALK_SEED, compute};
 use bake_train::places;
@@ -22,8 +22,6 @@ use std::path::Path;
 const FINE: usize = 128;
 /// R2 points behind a binning: their own discrepancy in 64² bins is then about 0.002.
 const POINTS: u64 = 1 << 22;
-/// Points that one task bins.
-const BLOCK: u64 = 1 << 14;
 /// Largest binning L1 up to [`STEEP_DEG`] and beyond it.
 const BINNING_L1_MAX: [f64; 2] = [0.02, 0.05];
 /// Polar angle of `wo` beyond which the second limit holds, degrees.
@@ -80,23 +78,10 @@ fn measured(json: &str, theta: f64) -> Measured {
     let bsdf: Reference = material(json).bind(&[]).expect("nothing is free");
     let wo = direction(theta, PHI_DEG);
     let slice = LobeSlice::new(&bsdf, wo, WALKS, WALK_SEED).expect("a bright slice");
-    let charts: Vec<_> = slice.charts().into_iter().map(|l| (l, slice.chart(l))).collect();
-    let maps = solve(&slice, &charts, FINE, &[]).expect("bright lobes");
+    let maps = solve(&slice, &slice.fitted(), FINE, &[]).expect("bright lobes");
     let map = FrameMap::new(&maps);
     let truth = BinnedSlice::new(&bsdf, wo, &slice.sharp_chart().unwrap_or(Chart::IDENTITY));
-    let counts = (0..POINTS / BLOCK)
-        .into_par_iter()
-        .map(|block| {
-            let mut counts = vec![0u64; SIDE * SIDE];
-            for i in block * BLOCK..(block + 1) * BLOCK {
-                counts[truth.bins.index(map.direction(shifted_r2(i, [0.0; 2])).0)] += 1;
-            }
-            counts
-        })
-        .reduce(
-            || vec![0; SIDE * SIDE],
-            |a, b| a.iter().zip(b).map(|(a, b)| a + b).collect(),
-        );
+    let counts = measure::count(POINTS, |u| truth.bins.index(map.direction(u).0));
     Measured {
         theta,
         binning_l1: l1(&counts, &truth.mass),

@@ -5,7 +5,7 @@ mod truth;
 use crate::Tick;
 use crate::card::bins::{Bins, SIDE, l1};
 use crate::error::{Error, Result};
-use crate::lobes::{Lobe, LobeSlice, WALKS};
+use crate::lobes::{LobeSlice, WALKS};
 use crate::maps::WALK_SEED;
 use crate::places::{azimuths_deg, is_alpha, value_at};
 use crate::transport::frame_map::{self, FrameMap};
@@ -13,9 +13,7 @@ use crate::transport::map::{ImportanceMap, MapImage};
 use crate::transport::measure::{self, Domain};
 use crate::transport::raster::Raster;
 use crate::transport::square_map::PictureMap;
-use crate::transport::{
-    Solver, assignment, disk_map, hierarchical, kantorovich, marginal, points, sinkhorn_sliced,
-};
+use crate::transport::{Solver, disk_map, hierarchical, kantorovich, marginal, points, sinkhorn_sliced};
 use bake_runtime::bsdf::direction;
 use bake_runtime::chart::Chart;
 use bake_runtime::{Material, Reference};
@@ -151,8 +149,6 @@ pub fn slices_of(material: &Material, thetas_deg: &[f64]) -> Result<Vec<Target>>
 /// A map with what it took.
 struct Made {
     map: Box<dyn ImportanceMap>,
-    /// For directions that positions cannot hold: ours, of slices.
-    frame: Option<FrameMap>,
     seconds: f64,
     fallback: Option<&'static str>,
 }
@@ -252,17 +248,15 @@ impl PointRoute {
         let clock = Instant::now();
         let near = sinkhorn_sliced::solve(raster, side, seed, tick)?;
         let seconds = clock.elapsed().as_secs_f64();
-        let source = points::source_points(side);
-        let dual = &near.duals[1];
         let (exact, cost) = if side * side <= disk_map::EXACT_MAX {
-            let solved = assignment::solve(&source, &near.points, Some(dual))?;
-            let points = solved.permutation.iter().map(|j| near.points[*j]).collect();
-            (
-                Some((MapImage { side, points }, clock.elapsed().as_secs_f64())),
-                solved.cost,
-            )
+            let (map, cost) = disk_map::exact(&near)?;
+            (Some((map, clock.elapsed().as_secs_f64())), cost)
         } else {
-            (None, kantorovich::lower_bound(&source, &near.points, dual))
+            let source = points::source_points(side);
+            (
+                None,
+                kantorovich::lower_bound(&source, &near.points, &near.duals[1]),
+            )
         };
         Ok(PointRoute {
             image: near.map,
@@ -284,7 +278,6 @@ fn make(
     let clock = Instant::now();
     let image = |image: MapImage, seconds: f64| Made {
         map: Box::new(image),
-        frame: None,
         seconds,
         fallback: None,
     };
@@ -309,19 +302,13 @@ fn make(
                 seconds: clock.elapsed().as_secs_f64(),
                 fallback: fallback(map.is_fallback()),
                 map: Box::new(map),
-                frame: None,
             }
         }
         (Solver::Frame, Source::Slice(slice)) => {
-            let charts: Vec<(Lobe, Chart)> =
-                slice.charts().into_iter().map(|l| (l, slice.chart(l))).collect();
-            let maps = frame_map::solve(slice, &charts, side, &[])?;
-            let seconds = clock.elapsed().as_secs_f64();
-            let map = FrameMap::new(&maps);
+            let maps = frame_map::solve(slice, &slice.fitted(), side, &[])?;
             Made {
-                map: Box::new(map.clone()),
-                frame: Some(map),
-                seconds,
+                seconds: clock.elapsed().as_secs_f64(),
+                map: Box::new(FrameMap::new(&maps)),
                 fallback: fallback(maps.iter().any(|m| m.fallback)),
             }
         }
@@ -331,10 +318,7 @@ fn make(
 /// Measures one map.
 fn judge(name: &str, made: &Made, solver: Solver, side: usize, cost: f64, truth: &Truth) -> Compared {
     let map = &*made.map;
-    let counts = match &made.frame {
-        Some(frame) => truth.histogram(|u| truth.bins.index(frame.direction(u).0)),
-        None => truth.histogram(|u| truth.index(map.at(u))),
-    };
+    let counts = measure::count(BINNING_POINTS, |u| truth.index(map.at(u)));
     let row = Row {
         slice: name.to_string(),
         solver: solver.name(),

@@ -1,20 +1,15 @@
 //! Where the samples of compared maps are counted, and what belongs there.
 
 use crate::card::binned::BinnedSlice;
-use crate::card::bins::{Bins, SIDE};
+use crate::card::bins::Bins;
 use crate::transport::measure::{self, Domain};
 use crate::transport::raster::Raster;
 use bake_runtime::Reference;
-use bake_runtime::bsdf::shifted_r2;
 use bake_runtime::chart::Chart;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// R2 points behind a binning L1: their own discrepancy is then about 0.002.
 pub(super) const BINNING_POINTS: u64 = 1 << 22;
-
-/// Points that one task bins.
-const BLOCK: u64 = 1 << 14;
 
 /// Where samples are counted, and what belongs there.
 pub(super) struct Truth {
@@ -63,22 +58,5 @@ impl Truth {
                 self.bins.index(DVec3::new(x, y, z))
             }
         }
-    }
-
-    /// Counts of [`BINNING_POINTS`] samples in the bins.
-    pub fn histogram(&self, index: impl Fn([f64; 2]) -> usize + Sync) -> Vec<u64> {
-        let zero = || vec![0u64; SIDE * SIDE];
-        (0..BINNING_POINTS / BLOCK)
-            .into_par_iter()
-            .fold(zero, |mut counts, block| {
-                for i in block * BLOCK..(block + 1) * BLOCK {
-                    counts[index(shifted_r2(i, [0.0; 2]))] += 1;
-                }
-                counts
-            })
-            .reduce(zero, |mut sum, part| {
-                sum.iter_mut().zip(&part).for_each(|(s, p)| *s += p);
-                sum
-            })
     }
 }

@@ -20,53 +20,39 @@ const LATTICE: usize = 768;
 /// Most points that are assigned exactly: the work grows with their square and more.
 pub const EXACT_MAX: usize = 4096;
 
-/// A map image and what the points of its route say about its cost.
-#[derive(Clone, Debug)]
-pub struct DiskMap {
-    /// The map.
-    pub image: MapImage,
-    /// Potential of the target points, near the optimal one, for bounds of the cost; only where a solver finds one.
-    pub dual: Option<Vec<f64>>,
-}
-
 /// The map of `raster` on `side`² cells by any solver but [`Solver::Frame`].
 ///
 /// # Errors
 /// [`Error::Density`] for [`Solver::Frame`], which needs no raster, and for [`Solver::Exact`] of more than [`EXACT_MAX`]
 /// points; [`Error::Interrupted`] when `tick` breaks.
-pub fn image(raster: &Raster, solver: Solver, side: usize, seed: u64, tick: crate::Tick) -> Result<DiskMap> {
-    let without = |image| DiskMap { image, dual: None };
+pub fn image(raster: &Raster, solver: Solver, side: usize, seed: u64, tick: crate::Tick) -> Result<MapImage> {
     match solver {
-        Solver::Marginal => Ok(without(marginal::solve(raster, side))),
-        Solver::Hierarchical => Ok(without(hierarchical::solve(raster, side))),
-        Solver::SinkhornSliced => {
-            let solution = sinkhorn_sliced::solve(raster, side, seed, tick)?;
-            let [_, dual] = solution.duals;
-            Ok(DiskMap {
-                image: solution.map,
-                dual: Some(dual),
-            })
-        }
+        Solver::Marginal => Ok(marginal::solve(raster, side)),
+        Solver::Hierarchical => Ok(hierarchical::solve(raster, side)),
+        Solver::SinkhornSliced => Ok(sinkhorn_sliced::solve(raster, side, seed, tick)?.map),
         Solver::Exact if side * side > EXACT_MAX => Err(Error::Density {
             reason: format!(
                 "{} points are too many for an exact assignment; at most {EXACT_MAX}",
                 side * side
             ),
         }),
-        Solver::Exact => {
-            let start = sinkhorn_sliced::solve(raster, side, seed, tick)?;
-            let [_, dual] = start.duals;
-            let exact = assignment::solve(&points::source_points(side), &start.points, Some(&dual))?;
-            let points = exact.permutation.iter().map(|j| start.points[*j]).collect();
-            Ok(DiskMap {
-                image: MapImage { side, points },
-                dual: Some(exact.duals[1].clone()),
-            })
-        }
+        Solver::Exact => Ok(exact(&sinkhorn_sliced::solve(raster, side, seed, tick)?)?.0),
         Solver::Frame => Err(Error::Density {
             reason: "the solver `frame` starts from a slice, not from its raster".into(),
         }),
     }
+}
+
+/// The exact assignment of the points of `near`, which it starts from, and its mean squared distance.
+///
+/// # Errors
+/// As [`assignment::solve`].
+pub fn exact(near: &sinkhorn_sliced::Solution) -> Result<(MapImage, f64)> {
+    let side = near.map.side;
+    let source = points::source_points(side);
+    let solved = assignment::solve(&source, &near.points, Some(&near.duals[1]))?;
+    let points = solved.permutation.iter().map(|j| near.points[*j]).collect();
+    Ok((MapImage { side, points }, solved.cost))
 }
 
 /// The raster of a slice's luminance: its density on the disk in `side`² pixels of [−1, 1]².
@@ -112,7 +98,7 @@ pub fn solve(slice: &LobeSlice, solver: Solver, side: usize, seed: u64) -> Resul
         chart: Chart::IDENTITY,
         share: 1.0,
         table: SliceTable::tabulate(slice, Lobe::Whole, &Chart::IDENTITY, side)?,
-        map: made.image.points.iter().map(|p| p.map(|v| v as f32)).collect(),
+        map: made.points.iter().map(|p| p.map(|v| v as f32)).collect(),
         potential: Vec::new(),
         residuals: Residuals::default(),
         fallback: false,

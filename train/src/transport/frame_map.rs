@@ -227,8 +227,7 @@ mod tests {
     }
 
     fn map_of(slice: &LobeSlice) -> Vec<ChartMap> {
-        let charts: Vec<_> = slice.charts().into_iter().map(|l| (l, slice.chart(l))).collect();
-        solve(slice, &charts, CELLS, &[None, None]).expect("bright lobes")
+        solve(slice, &slice.fitted(), CELLS, &[None, None]).expect("bright lobes")
     }
 
     /// The weight of a chart's sample is its own lobe over its own density, so the mean is the albedo.

@@ -6,32 +6,25 @@
 
 use super::map::MapImage;
 use super::points::to_disk;
-use super::raster::Raster;
+use super::raster::{Raster, Sums};
 
 /// The warp of one density.
 struct Warp {
     side: usize,
-    /// Mass below and left of every pixel corner, `(side + 1)`² sums.
-    sums: Vec<f64>,
+    sums: Sums,
 }
 
 impl Warp {
     fn new(raster: &Raster) -> Warp {
-        let (side, width) = (raster.side, raster.side + 1);
-        let mut sums = vec![0.0; width * width];
-        for y in 0..side {
-            let mut row = 0.0;
-            for x in 0..side {
-                row += raster.mass[y * side + x];
-                sums[(y + 1) * width + x + 1] = sums[y * width + x + 1] + row;
-            }
+        Warp {
+            side: raster.side,
+            sums: Sums::new(&raster.mass, raster.side),
         }
-        Warp { side, sums }
     }
 
     /// Mass of the pixels in a range of columns and a range of rows.
     fn mass(&self, [[x0, x1], [y0, y1]]: [[usize; 2]; 2]) -> f64 {
-        let at = |x: usize, y: usize| self.sums[y * (self.side + 1) + x];
+        let at = |x: usize, y: usize| self.sums.corner(x, y);
         (at(x1, y1) - at(x0, y1) - at(x1, y0) + at(x0, y0)).max(0.0)
     }
 

@@ -162,12 +162,20 @@ pub fn binning_floor(bins: &[f64], points: u64) -> f64 {
     l1(&count_bins(points, |u| to_disk(invert.at(u))), bins)
 }
 
+/// Counts in the 64² bins of [−1, 1]² of the images of R2 points.
 fn count_bins(points: u64, at: impl Fn([f64; 2]) -> [f64; 2] + Sync) -> Vec<u64> {
     let cell = |x: f64| ((0.5 * (x + 1.0) * SIDE as f64) as usize).min(SIDE - 1);
-    let count = |mut counts: Vec<u64>, block: u64| {
+    count(points, |u| {
+        let [x, y] = at(u);
+        cell(y) * SIDE + cell(x)
+    })
+}
+
+/// How many of the first `points` R2 points have each `index` below [`SIDE`]².
+pub fn count(points: u64, index: impl Fn([f64; 2]) -> usize + Sync) -> Vec<u64> {
+    let block = |mut counts: Vec<u64>, block: u64| {
         for i in block * BLOCK..((block + 1) * BLOCK).min(points) {
-            let [x, y] = at(shifted_r2(i, [0.0; 2]));
-            counts[cell(y) * SIDE + cell(x)] += 1;
+            counts[index(shifted_r2(i, [0.0; 2]))] += 1;
         }
         counts
     };
@@ -175,7 +183,7 @@ fn count_bins(points: u64, at: impl Fn([f64; 2]) -> [f64; 2] + Sync) -> Vec<u64>
     // Sums of integers do not depend on their order.
     (0..points.div_ceil(BLOCK))
         .into_par_iter()
-        .fold(zero, count)
+        .fold(zero, block)
         .reduce(zero, |mut sum, part| {
             sum.iter_mut().zip(&part).for_each(|(s, p)| *s += p);
             sum

@@ -88,6 +88,17 @@ struct Iterate {
     terms: Vec<[f64; 6]>,
 }
 
+impl Iterate {
+    /// Takes the mean off the residual, which the constant takes up, and returns it.
+    fn centre(&mut self) -> f64 {
+        let cells = self.residual.len() as f64;
+        let mean = self.residual.iter().sum::<f64>() / cells;
+        self.residual.iter_mut().for_each(|r| *r -= mean);
+        self.rms = (self.residual.iter().map(|r| r * r).sum::<f64>() / cells).sqrt();
+        mean
+    }
+}
+
 /// Index of the neighbour `slot` (row-major, 0..9) of cell `k`, mirrored at the edges.
 fn neighbour(n: usize, k: usize, slot: usize) -> usize {
     let shift = |v: usize, d: usize| mirror(v as isize + d as isize - 1, n);
@@ -226,8 +237,7 @@ pub fn newton(problem: &Problem, state: &Transport, goal: f64, enough: f64) -> O
     let n = state.side;
     let (mut phi, mut constant) = (state.potential.clone(), state.constant);
     let mut iterate = evaluate(problem, n, &phi, constant)?;
-    constant += iterate.residual.iter().sum::<f64>() / (n * n) as f64;
-    iterate = evaluate(problem, n, &phi, constant)?;
+    constant += iterate.centre();
     let mut steps = 0;
     while iterate.rms > goal && steps < STEPS {
         let Some((step, step_constant)) = newton_step(&iterate, n) else {
