@@ -8,11 +8,11 @@ use std::path::Path;
 /// The three networks of one baked material.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BakedMaterial {
-    /// (wo, u) ↦ wi, weight, jacobian.
+    /// (parameters, wo, u) ↦ wi, weight, jacobian.
     pub sample: Network,
-    /// (wo, wi) ↦ f_cos.
+    /// (parameters, wo, wi) ↦ f_cos.
     pub eval: Network,
-    /// (wo, wi) ↦ pdf.
+    /// (parameters, wo, wi) ↦ pdf.
     pub pdf: Network,
 }
 
@@ -47,6 +47,14 @@ impl BakedMaterial {
                 ));
             }
         }
+        let charts = |network: &Network| network.spec.charts().map_or(0, |c| c.anchors.len());
+        if charts(&baked.pdf) != charts(&baked.sample) {
+            let path = folder.join(Role::Pdf.name()).with_extension("safetensors");
+            return Err(Error::network(
+                path,
+                "it has another number of charts than sample.safetensors",
+            ));
+        }
         Ok(baked)
     }
 
@@ -66,6 +74,46 @@ impl BakedMaterial {
     }
 }
 
+/// The shading points of a batch.
+#[derive(Clone, Copy, Debug)]
+pub struct Points<'a> {
+    /// Values of the free parameters, in the order of [`crate::Material::free`]: a column each, as long as the batch, or of
+    /// length 1 where the whole batch has the same.
+    pub params: &'a [&'a [f32]],
+    /// Camera directions, one column per component.
+    pub wo: [&'a [f32]; 3],
+}
+
+impl<'a> Points<'a> {
+    /// Points of a material that leaves nothing free.
+    pub fn fixed(wo: [&'a [f32]; 3]) -> Points<'a> {
+        Points { params: &[], wo }
+    }
+
+    /// Number of queries.
+    pub fn len(&self) -> usize {
+        self.wo[0].len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Checks the lengths of all columns, and that there are `free` parameters.
+    ///
+    /// # Errors
+    /// [`Error::BatchLength`] naming what does not fit.
+    pub fn check(&self, free: usize) -> Result<()> {
+        let n = self.len();
+        check_lengths(free, &[("params", self.params.len())])?;
+        for column in self.params.iter().filter(|column| column.len() != 1) {
+            check_lengths(n, &[("params", column.len())])?;
+        }
+        check_lengths(n, &self.wo.map(|column| ("wo", column.len())))
+    }
+}
+
 /// Runs the networks of one material on batches. Each array is a structure of arrays: one slice per
 /// component, all of the same length. Directions are unit vectors of the shading frame, away from the surface.
 ///
@@ -78,28 +126,30 @@ pub trait Backend: Send {
     /// Learned estimator: `wi`, and the regressed `weight` (RGB, ≥ 0). One pass.
     fn sample_learned(
         &mut self,
-        wo: [&[f32]; 3],
+        points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
         weight: [&mut [f32]; 3],
     ) -> Result<()>;
 
-    /// Exact estimators: `wi`, and the signed determinant of u ↦ solid angle (sr). About three passes.
+    /// Exact estimators: `wi`, and the signed `jacobian` (sr) that makes `f_cos · jacobian` an unbiased weight. About three
+    /// passes.
     ///
-    /// `f_cos · jacobian` is an unbiased weight; 1/|jacobian| is the density of `wi` where the map does not fold.
+    /// With one chart it is the determinant of u ↦ solid angle, and 1/|jacobian| is the density of `wi` where the map does
+    /// not fold; with two it is [`crate::oracle::jacobian`], which takes the pdf network as well.
     fn sample_jacobian(
         &mut self,
-        wo: [&[f32]; 3],
+        points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
         jacobian: &mut [f32],
     ) -> Result<()>;
 
     /// `f_cos` RGB, sr⁻¹.
-    fn eval(&mut self, wo: [&[f32]; 3], wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()>;
+    fn eval(&mut self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()>;
 
     /// Learned density of `wi`, sr⁻¹: for weights of multiple importance sampling, never to divide by.
-    fn pdf(&mut self, wo: [&[f32]; 3], wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()>;
+    fn pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()>;
 }
 
 /// Checks that the named slices all have `expected` elements.

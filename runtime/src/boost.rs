@@ -28,6 +28,16 @@ impl Boost {
         Boost { beta, cos }
     }
 
+    /// The boost with velocity `beta` whose `cos` = √(1 − |β|²) is known better than from β itself.
+    pub fn with_cos(beta: [f64; 2], cos: f64) -> Boost {
+        Boost { beta, cos }
+    }
+
+    /// √(1 − |β|²): cosine of the polar angle that the normal goes to.
+    pub fn cos(&self) -> f64 {
+        self.cos
+    }
+
     /// The velocity β.
     pub fn velocity(&self) -> [f64; 2] {
         self.beta

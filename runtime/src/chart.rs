@@ -41,10 +41,16 @@ impl Chart {
         self.frame.direction_to_square(self.boost.inverse().apply(w).0)
     }
 
+    /// Unit local direction of `w`, the one around which the lobe is a cosine lobe, and [`Chart::density`] at `w`.
+    pub fn to_local(&self, w: [f64; 3]) -> ([f64; 3], f64) {
+        let (v, scale) = self.boost.inverse().apply(w);
+        let (local, density) = self.frame.to_local(v);
+        (local, density * scale)
+    }
+
     /// Density at `w` of a direction drawn evenly over the square, sr⁻¹.
     pub fn density(&self, w: [f64; 3]) -> f64 {
-        let (v, scale) = self.boost.inverse().apply(w);
-        self.frame.to_local(v).1 * scale
+        self.to_local(w).1
     }
 }
 
@@ -60,7 +66,7 @@ mod tests {
     fn round_trip_and_density() {
         let mut rng = Rng::new(&[0xc4a]);
         let chart = Chart {
-            frame: Frame::from_outputs([-0.5, -1.5, 0.4, 0.2, -0.1], [0.1, 0.0]),
+            frame: Frame::from_outputs([-0.5, -1.5, 0.4, 0.2, -0.1], &Frame::IDENTITY),
             boost: Boost::to_slope([-3.0, 1.0]),
         };
         for _ in 0..1000 {

@@ -8,13 +8,13 @@
 use crate::concentric::{DISK_AREA, disk_to_square, square_to_hemisphere};
 use serde::{Deserialize, Serialize};
 
-/// Number of outputs of the network that predicts a frame: `log_x`, `log_y`, `shear`, `delta_x`, `delta_y`.
+/// Number of outputs per chart of the network that predicts frames: `log_x`, `log_y`, `shear`, `delta_x`, `delta_y`.
 pub const FRAME_OUTPUTS: usize = 5;
 
 /// Largest |`log_x`|, |`log_y`|, |`shear`| and |`delta`| that a frame network may ask for.
 ///
-/// Fitted frames stay below 7 for alpha ≥ 0.001; the clamp keeps an untrained or damaged network finite.
-pub const FRAME_OUTPUT_MAX: f64 = 8.0;
+/// Fitted frames differ from their start by less than 3; the clamp keeps an untrained or damaged network finite.
+pub const FRAME_OUTPUT_MAX: f64 = 4.0;
 
 /// A frame: A = [[x, 0], [y·shear, y]] and b.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,16 +29,6 @@ pub struct Frame {
     pub b: [f64; 2],
 }
 
-/// Where the centre of a mirror-like lobe lies: b = −(x, y) / (z + |(alpha_x·x, alpha_y·y)|) of `wo`.
-///
-/// With t = tan θ_o this is −t/(1 + α·t) along `wo`'s azimuth: the mirror direction, pulled back from the
-/// horizon by the roughness α in that azimuth. `wo`: unit, z ≥ 0.
-pub fn mirror_anchor(wo: [f64; 3], alpha: [f64; 2]) -> [f64; 2] {
-    let pull = (alpha[0] * wo[0]).hypot(alpha[1] * wo[1]);
-    let scale = -1.0 / (wo[2] + pull).max(f64::MIN_POSITIVE);
-    [scale * wo[0], scale * wo[1]]
-}
-
 impl Frame {
     /// The identity: local directions are directions.
     pub const IDENTITY: Frame = Frame {
@@ -48,23 +38,31 @@ impl Frame {
         b: [0.0, 0.0],
     };
 
-    /// The frame of a frame network's `outputs` around `anchor`: b = anchor + A·δ.
-    pub fn from_outputs(outputs: [f64; FRAME_OUTPUTS], anchor: [f64; 2]) -> Frame {
+    /// The frame of a frame network's `outputs` ln x, ln y, shear, δ: A = A_start·[[x, 0], [y·shear, y]], b = A·δ.
+    pub fn from_outputs(outputs: [f64; FRAME_OUTPUTS], start: &Frame) -> Frame {
         let [log_x, log_y, shear, dx, dy] = outputs.map(|v| v.clamp(-FRAME_OUTPUT_MAX, FRAME_OUTPUT_MAX));
-        let (x, y) = (log_x.exp(), log_y.exp());
+        let (x, y) = (start.x * log_x.exp(), start.y * log_y.exp());
+        let shear = start.shear * (log_x - log_y).exp() + shear;
         Frame {
             x,
             y,
             shear,
-            b: [anchor[0] + x * dx, anchor[1] + y * (shear * dx + dy)],
+            b: [x * dx, y * (shear * dx + dy)],
         }
     }
 
     /// The outputs a frame network should give for this frame: the inverse of [`Frame::from_outputs`].
-    pub fn to_outputs(&self, anchor: [f64; 2]) -> [f64; FRAME_OUTPUTS] {
-        let dx = (self.b[0] - anchor[0]) / self.x;
-        let dy = (self.b[1] - anchor[1]) / self.y - self.shear * dx;
-        [self.x.ln(), self.y.ln(), self.shear, dx, dy]
+    pub fn to_outputs(&self, start: &Frame) -> [f64; FRAME_OUTPUTS] {
+        let (log_x, log_y) = ((self.x / start.x).ln(), (self.y / start.y).ln());
+        let dx = self.b[0] / self.x;
+        let dy = self.b[1] / self.y - self.shear * dx;
+        [
+            log_x,
+            log_y,
+            self.shear - start.shear * (log_x - log_y).exp(),
+            dx,
+            dy,
+        ]
     }
 
     /// det A, > 0.
@@ -131,11 +129,18 @@ mod tests {
     /// Midpoint quadrature with 512² nodes of a density that is smooth in the frame's own square.
     const NORMALISATION_TOL: f64 = 1e-4;
 
+    const START: Frame = Frame {
+        x: 0.8,
+        y: 0.5,
+        shear: -0.7,
+        b: [0.0; 2],
+    };
+
     fn random_frame(rng: &mut Rng) -> Frame {
         let mut centred = || 2.0 * rng.uniform() - 1.0;
         Frame::from_outputs(
             [1.5 * centred(), 1.5 * centred(), centred(), centred(), centred()],
-            [-2.0, 0.5],
+            &START,
         )
     }
 
@@ -144,7 +149,7 @@ mod tests {
         let mut rng = Rng::new(&[11]);
         for _ in 0..2000 {
             let frame = random_frame(&mut rng);
-            let again = Frame::from_outputs(frame.to_outputs([-2.0, 0.5]), [-2.0, 0.5]);
+            let again = Frame::from_outputs(frame.to_outputs(&START), &START);
             assert!(
                 (again.b[1] - frame.b[1]).abs() < ROUND_TRIP_TOL
                     && (again.y - frame.y).abs() < ROUND_TRIP_TOL
@@ -166,7 +171,7 @@ mod tests {
 
     #[test]
     fn density_integrates_to_one() {
-        let frame = Frame::from_outputs([-0.4, 0.3, 0.5, 0.2, -0.6], [-1.0, 0.4]);
+        let frame = Frame::from_outputs([-0.4, 0.3, 0.5, 0.2, -0.6], &START);
         let n = 512;
         let mut sum = 0.0;
         for i in 0..n * n {

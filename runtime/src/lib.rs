@@ -5,6 +5,7 @@
 //! f·cos θ_i in sr⁻¹; `pdf` is per solid angle of `wi`; `weight` is `f_cos / pdf`; `u` are two uniforms.
 #![deny(unsafe_code)]
 
+pub mod anchor;
 pub mod backend;
 pub mod batch;
 mod binding;
@@ -17,6 +18,7 @@ pub mod encoding;
 pub mod error;
 pub mod estimator;
 pub mod family;
+pub mod features;
 pub mod field;
 pub mod frame;
 pub mod fresnel;
@@ -26,12 +28,14 @@ pub mod material;
 pub mod metals;
 pub mod microfacet;
 pub mod moments;
+#[cfg(any())]
 pub mod native;
 pub mod network;
-#[cfg(feature = "ort")]
+#[cfg(any())]
 pub mod onnxruntime;
 pub mod oracle;
 pub mod principled;
+#[cfg(any())]
 pub mod query;
 pub mod random;
 pub mod real;
@@ -39,7 +43,7 @@ pub mod reference;
 pub mod setting;
 pub mod spec;
 
-pub use backend::{Backend, BakedMaterial};
+pub use backend::{Backend, BakedMaterial, Points};
 pub use bsdf::{Bsdf, BsdfSample, Estimate, Rest, Slice};
 pub use error::{Error, Result};
 pub use family::Family;

@@ -10,11 +10,6 @@ use std::collections::HashMap;
 use std::io::Write;
 use std::path::Path;
 
-/// Widest layer a file may declare; the presets stay below 128.
-const WIDTH_MAX: usize = 4096;
-/// Deepest network a file may declare.
-const DEPTH_MAX: usize = 64;
-
 /// One dense layer, y = W·x + b.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dense {
@@ -33,7 +28,7 @@ pub struct Dense {
 pub struct Network {
     /// The description.
     pub spec: NetworkSpec,
-    /// Layers of the frame network.
+    /// Layers of the frame network; none without charts.
     pub frame: Vec<Dense>,
     /// Layers of the network.
     pub net: Vec<Dense>,
@@ -131,23 +126,7 @@ pub fn parse_spec(json: &str) -> std::result::Result<NetworkSpec, String> {
     }
     let spec: NetworkSpec =
         serde_json::from_value(version).map_err(|e| format!("its specification is incomplete ({e})"))?;
-    let widths = spec.hidden.iter().chain(&spec.frame.hidden);
-    if spec.hidden.len().max(spec.frame.hidden.len()) > DEPTH_MAX
-        || widths.clone().any(|w| !(1..=WIDTH_MAX).contains(w))
-    {
-        return Err(format!(
-            "its layers are not 1..{WIDTH_MAX} wide and at most {DEPTH_MAX} deep"
-        ));
-    }
-    if let Some(input) = spec.inputs.iter().find(|input| !input.fits(spec.role)) {
-        return Err(format!(
-            "a {} network cannot take {:?} as {:?}",
-            spec.role.name(),
-            input.quantity,
-            input.encoding
-        ));
-    }
-    spec.material.validate().map_err(|e| e.to_string())?;
+    spec.validate()?;
     Ok(spec)
 }
 

@@ -1,13 +1,14 @@
 //! The one description of a network: input order, encodings, widths, activations, heads, frame and metadata.
 //! It travels as JSON in the safetensors `__metadata__` and in the ONNX `metadata_props`.
 
-use crate::encoding::{Encoding, GRAZING_FEATURES, Quantity};
+use crate::anchor::Anchor;
+use crate::encoding::{Encoding, Quantity, Scale};
 use crate::frame::FRAME_OUTPUTS;
 use crate::material::Material;
 use serde::{Deserialize, Serialize};
 
 /// Version of [`NetworkSpec`] and of the tensor names; a file of another version is refused.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// Key of the specification in safetensors `__metadata__` and ONNX `metadata_props`.
 pub const SPEC_KEY: &str = "bake.spec";
@@ -24,16 +25,24 @@ pub const EXPONENT_MAX: f64 = 30.0;
 /// product tends to a constant, so the weight loses nothing, and the Jacobian alone stays within f32's means.
 pub const U_MIN: f64 = 1.0 / (1u64 << 20) as f64;
 
+/// Most charts that a network may have.
+pub const CHARTS_MAX: usize = 2;
+
+/// Smallest share of the samples that a chart gets: each must be able to draw what the others hardly do.
+pub const SHARE_MIN: f64 = 1.0 / 64.0;
+
+/// Smallest height of a direction that a disk head gives: positions on the rim of the disk and outside of it go there.
+pub const DISK_HEIGHT_MIN: f64 = 1e-3;
+
 /// What a network is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
-    /// (wo, u) ↦ position in the frame's square and learned weight: outputs g_x, g_y, ln weight RGB.
-    /// The position is h = u / (u + (1 − u)·e^(−g)), so every edge of the square stays on itself.
+    /// (parameters, wo, u) ↦ wi, learned weight RGB, signed Jacobian: see [`Geometry`] for the outputs.
     Sample,
-    /// (wo, wi) ↦ f_cos RGB = frame density · e^output.
+    /// (parameters, wo, wi) ↦ f_cos RGB.
     Eval,
-    /// (wo, wi) ↦ pdf = frame density · e^output.
+    /// (parameters, wo, wi) ↦ pdf.
     Pdf,
 }
 
@@ -50,16 +59,8 @@ impl Role {
         }
     }
 
-    /// Number of outputs of the last layer.
-    pub fn outputs(self) -> usize {
-        match self {
-            Role::Sample => 5,
-            Role::Eval => 3,
-            Role::Pdf => 1,
-        }
-    }
-
-    /// Inputs of the exported graph, in order; each is a float tensor `[N, width]`.
+    /// Inputs of the exported graph after the parameters, in order; each is a float tensor `[N, width]`. Where parameters
+    /// are free, `params` `[N, number of free scalars]` ([`params_port`]) comes before them.
     pub fn graph_inputs(self) -> &'static [Port; 2] {
         match self {
             Role::Sample => &[WO_PORT, U_PORT],
@@ -74,6 +75,15 @@ impl Role {
             Role::Eval => &[F_COS_PORT],
             Role::Pdf => &[PDF_PORT],
         }
+    }
+}
+
+/// The graph input that holds `count` free parameters.
+pub fn params_port(count: usize) -> Port {
+    Port {
+        name: "params",
+        width: count,
+        doc: "Values of the free parameters, in the order of the specification's material.",
     }
 }
 
@@ -130,44 +140,120 @@ const PDF_PORT: Port = Port {
 pub enum Activation {
     /// x·σ(x).
     Silu,
+    /// max(x, 0), with slope 0 at 0.
+    Relu,
 }
 
-/// How queries are reduced before anything else.
+/// How queries are reduced before anything else. Jacobians are those of the folded map, whose orientation is positive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Symmetry {
     /// The BSDF is mirror-symmetric in x and in y: `wo` is folded to x, y ≥ 0, and `wi` carries the same signs
-    /// (sign of 0 is +). Jacobians are those of the folded map, whose orientation is positive.
+    /// (sign of 0 is +).
     Quadrant,
+    /// The BSDF has no direction: `wo` is turned around the normal to y = 0, x ≥ 0, and `wi` with it (by nothing where
+    /// `wo` is the normal).
+    Rotation,
 }
 
-/// One quantity with its encoding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// One quantity with its scale and encoding.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Input {
     /// What enters.
     pub quantity: Quantity,
-    /// How.
+    /// What is done to its scalars first.
+    #[serde(default)]
+    pub scale: Scale,
+    /// How they become features.
     pub encoding: Encoding,
 }
 
 impl Input {
-    /// Whether networks of `role` have this quantity, in an encoding whose derivatives they need and know.
-    pub fn fits(self, role: Role) -> bool {
-        match (role, self.quantity) {
-            (Role::Sample, Quantity::U) => self.encoding == Encoding::Centred,
-            (Role::Sample, Quantity::Wo) | (Role::Eval | Role::Pdf, Quantity::Local | Quantity::Wo) => true,
-            (Role::Sample, Quantity::Local) | (Role::Eval | Role::Pdf, Quantity::U) => false,
+    /// `quantity` in this encoding, its scalars as they are.
+    pub fn plain(quantity: Quantity, encoding: Encoding) -> Input {
+        Input {
+            quantity,
+            scale: Scale::None,
+            encoding,
+        }
+    }
+
+    /// Number of features.
+    pub fn features(self) -> usize {
+        self.encoding.features(self.quantity.scalars())
+    }
+}
+
+/// One axis of the roughness that a mirror chart starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Roughness {
+    /// The material fixes it.
+    Fixed(f64),
+    /// max([`Roughness::MIN`], factor·pᵖᵒʷᵉʳ) of the free parameter of this number; `power` is 1 or 2.
+    Free {
+        /// Number of the free parameter.
+        parameter: usize,
+        /// What its power is multiplied by.
+        factor: f64,
+        /// 1 or 2.
+        power: u8,
+    },
+}
+
+impl Roughness {
+    /// Smallest roughness that a start has.
+    pub const MIN: f64 = 1e-4;
+
+    /// Its value where the free parameters are `params`.
+    pub fn at(self, params: &[f64]) -> f64 {
+        match self {
+            Roughness::Fixed(value) => value,
+            Roughness::Free {
+                parameter,
+                factor,
+                power,
+            } => (factor * params[parameter].powi(power.into())).max(Roughness::MIN),
         }
     }
 }
 
-/// The small network that predicts the lobe frame from `wo` alone.
+/// The charts of a network, predicted by a small network of their own from the parameters and `wo`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrameSpec {
-    /// Hidden widths; input is the grazing encoding of `wo`, output the frame's five numbers.
+pub struct ChartsSpec {
+    /// Where each chart starts from; 1 to [`CHARTS_MAX`].
+    pub anchors: Vec<Anchor>,
+    /// Roughness along x and y.
+    pub alpha: [Roughness; 2],
+    /// Inputs of the frame network.
+    pub inputs: Vec<Input>,
+    /// Its hidden widths; its outputs are [`FRAME_OUTPUTS`] per chart and, with two charts, the logit of the first one's
+    /// share.
     pub hidden: Vec<usize>,
-    /// Roughness in the anchor of the frame's centre ([`crate::frame::mirror_anchor`]).
-    pub anchor_alpha: [f64; 2],
+}
+
+impl ChartsSpec {
+    /// Number of outputs of the frame network.
+    pub fn outputs(&self) -> usize {
+        FRAME_OUTPUTS * self.anchors.len() + self.anchors.len().saturating_sub(1)
+    }
+}
+
+/// Where directions live, and with it what the outputs of a network mean.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Geometry {
+    /// In the squares of charts (the warp preset).
+    ///
+    /// Sample: g_x, g_y, ln weight RGB. The position is h = u / (u + (1 − u)·e^(−g)), so every edge of the square stays on
+    /// itself. With two charts, the one whose share u₀ falls into is drawn, and u₀ is stretched over it.
+    /// Eval: f_cos = Σ over charts of the chart's density · e^output, RGB per chart.
+    /// Pdf: the density of chart i is that of its frame · e^output; the pdf is their sum weighted by the shares.
+    Charts(ChartsSpec),
+    /// On the disk [−1, 1]² of (x, y) (the paper preset).
+    ///
+    /// Sample: (x, y) = 2σ(output) − 1, ln weight RGB. Eval and pdf: e^output.
+    Disk,
 }
 
 /// A network, without its weights.
@@ -187,64 +273,45 @@ pub struct NetworkSpec {
     pub hidden: Vec<usize>,
     /// Nonlinearity of hidden layers, of the network and of the frame's.
     pub activation: Activation,
-    /// The lobe frame.
-    pub frame: FrameSpec,
+    /// Where directions live.
+    pub geometry: Geometry,
 }
 
 impl NetworkSpec {
-    /// The warp preset of `role` for `material`.
-    pub fn warp(
-        role: Role,
-        material: Material,
-        anchor_alpha: [f64; 2],
-        hidden: Vec<usize>,
-        frame_hidden: Vec<usize>,
-    ) -> Self {
-        let wo = Input {
-            quantity: Quantity::Wo,
-            encoding: Encoding::Grazing,
-        };
-        let first = match role {
-            Role::Sample => Input {
-                quantity: Quantity::U,
-                encoding: Encoding::Centred,
-            },
-            Role::Eval | Role::Pdf => Input {
-                quantity: Quantity::Local,
-                encoding: Encoding::Identity,
-            },
-        };
-        NetworkSpec {
-            format: FORMAT,
-            role,
-            material,
-            symmetry: Symmetry::Quadrant,
-            inputs: vec![first, wo],
-            hidden,
-            activation: Activation::Silu,
-            frame: FrameSpec {
-                hidden: frame_hidden,
-                anchor_alpha,
-            },
+    /// The charts, where there are any.
+    pub fn charts(&self) -> Option<&ChartsSpec> {
+        match &self.geometry {
+            Geometry::Charts(charts) => Some(charts),
+            Geometry::Disk => None,
         }
     }
 
     /// Number of features that enter the first layer.
     pub fn input_features(&self) -> usize {
-        self.inputs
-            .iter()
-            .map(|i| i.encoding.features(i.quantity.scalars()))
-            .sum()
+        self.inputs.iter().map(|i| i.features()).sum()
+    }
+
+    /// Number of outputs of the last layer.
+    pub fn outputs(&self) -> usize {
+        let charts = self.charts().map_or(1, |c| c.anchors.len());
+        match self.role {
+            Role::Sample => 5,
+            Role::Eval => 3 * charts,
+            Role::Pdf => charts,
+        }
     }
 
     /// (inputs, outputs) of each layer of the network.
     pub fn layers(&self) -> Vec<(usize, usize)> {
-        chain(self.input_features(), &self.hidden, self.role.outputs())
+        chain(self.input_features(), &self.hidden, self.outputs())
     }
 
-    /// (inputs, outputs) of each layer of the frame network.
+    /// (inputs, outputs) of each layer of the frame network; empty where there is none.
     pub fn frame_layers(&self) -> Vec<(usize, usize)> {
-        chain(GRAZING_FEATURES, &self.frame.hidden, FRAME_OUTPUTS)
+        self.charts().map_or(Vec::new(), |charts| {
+            let features = charts.inputs.iter().map(|i| i.features()).sum();
+            chain(features, &charts.hidden, charts.outputs())
+        })
     }
 
     /// Multiply-adds of one query without tangents, frame network included.
@@ -264,7 +331,105 @@ impl NetworkSpec {
             .map(|(i, o)| (i + 1) * o)
             .sum()
     }
+
+    /// Checks everything that the types leave open.
+    ///
+    /// # Errors
+    /// What is wrong, for the caller to name the file.
+    pub fn validate(&self) -> Result<(), String> {
+        self.material.validate().map_err(|e| e.to_string())?;
+        let free = self.material.free().len();
+        let sizes = |what: &str, hidden: &[usize], inputs: &[Input]| {
+            if hidden.len() > DEPTH_MAX || hidden.iter().any(|w| !(1..=WIDTH_MAX).contains(w)) {
+                return Err(format!(
+                    "its {what} layers are not 1..{WIDTH_MAX} wide and at most {DEPTH_MAX} deep"
+                ));
+            }
+            match inputs.len() {
+                1..=INPUTS_MAX => Ok(()),
+                n => Err(format!("its {what} has {n} inputs, expected 1..{INPUTS_MAX}")),
+            }
+        };
+        sizes("hidden", &self.hidden, &self.inputs)?;
+        for input in &self.inputs {
+            self.check(input, free, false)?;
+        }
+        let Some(charts) = self.charts() else {
+            return Ok(());
+        };
+        sizes("frame network's", &charts.hidden, &charts.inputs)?;
+        for input in &charts.inputs {
+            self.check(input, free, true)?;
+        }
+        if !(1..=CHARTS_MAX).contains(&charts.anchors.len()) {
+            return Err(format!(
+                "it has {} charts, expected 1..{CHARTS_MAX}",
+                charts.anchors.len()
+            ));
+        }
+        for alpha in charts.alpha {
+            let sound = match alpha {
+                Roughness::Fixed(value) => value > 0.0 && value.is_finite(),
+                Roughness::Free {
+                    parameter,
+                    factor,
+                    power,
+                } => parameter < free && factor > 0.0 && factor.is_finite() && (1..=2).contains(&power),
+            };
+            if !sound {
+                return Err(format!("its charts cannot start from the roughness {alpha:?}"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks one input of the network, or of its frame network.
+    fn check(&self, input: &Input, free: usize, of_frame: bool) -> Result<(), String> {
+        let charts = self.charts().map_or(0, |c| c.anchors.len());
+        let (sampling, density) = (
+            self.role == Role::Sample && !of_frame,
+            self.role != Role::Sample && !of_frame,
+        );
+        let known = match input.quantity {
+            Quantity::U => {
+                sampling
+                    && matches!(
+                        input.encoding,
+                        Encoding::Centred
+                            | Encoding::Frequency(_)
+                            | Encoding::OneBlob(_)
+                            | Encoding::Identity
+                    )
+            }
+            Quantity::Chart => sampling && charts > 1,
+            Quantity::WiDisk => density,
+            Quantity::Local(chart) => density && chart < charts,
+            Quantity::Anchor => charts > 0,
+            Quantity::Parameter(parameter) => parameter < free,
+            Quantity::Wo | Quantity::WoDisk => true,
+        };
+        // The derivatives by u are those of the encodings alone.
+        let scaled = input.quantity != Quantity::U || input.scale == Scale::None;
+        match known && scaled && input.scale.is_sound() && input.encoding.suits(input.quantity.scalars()) {
+            true => Ok(()),
+            false => Err(format!(
+                "{} {} network cannot take {:?}, scaled {:?}, as {:?}",
+                if self.role == Role::Eval { "an" } else { "a" },
+                self.role.name(),
+                input.quantity,
+                input.scale,
+                input.encoding
+            )),
+        }
+    }
 }
+
+/// Widest layer a file may declare; the presets stay below 256.
+const WIDTH_MAX: usize = 4096;
+/// Deepest network a file may declare.
+const DEPTH_MAX: usize = 64;
+/// Most inputs a file may declare: the widest preset has 8 parameters and 4 more.
+const INPUTS_MAX: usize = 64;
 
 fn chain(inputs: usize, hidden: &[usize], outputs: usize) -> Vec<(usize, usize)> {
     let mut widths = vec![inputs];
