@@ -40,6 +40,11 @@ pub trait Bsdf: Send + Sync {
     /// `f(wo, wi)·cos θ_i`, RGB, sr⁻¹: the value, or an unbiased estimate of it that draws from `rng`.
     fn eval(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> Vec3;
 
+    /// [`Bsdf::eval`] as a sharp lobe, which draws nothing, and the rest: the lobes of [`Bsdf::slice`].
+    fn eval_lobes(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> [Vec3; 2] {
+        [self.eval(wo, wi, rng), Vec3::ZERO]
+    }
+
     /// Draws `wi`; `u` in `[0,1)²` steers the first interaction, everything after it draws from `rng`.
     ///
     /// The mean of the weight is the albedo; `None` counts as a weight of zero.

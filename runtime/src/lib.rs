@@ -28,7 +28,6 @@ pub mod material;
 pub mod metals;
 pub mod microfacet;
 pub mod moments;
-#[cfg(any())]
 pub mod native;
 pub mod network;
 #[cfg(any())]
@@ -41,6 +40,7 @@ pub mod random;
 pub mod real;
 pub mod reference;
 pub mod setting;
+pub mod simd;
 pub mod spec;
 
 pub use backend::{Backend, BakedMaterial, Points};

@@ -131,6 +131,10 @@ impl Bsdf for Reference {
         self.model().eval(wo, wi, rng)
     }
 
+    fn eval_lobes(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> [Vec3; 2] {
+        self.model().eval_lobes(wo, wi, rng)
+    }
+
     fn sample(&self, wo: Vec3, u: [Real; 2], rng: &mut Rng) -> Option<BsdfSample> {
         self.model().sample(wo, u, rng)
     }

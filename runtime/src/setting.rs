@@ -142,7 +142,7 @@ impl Setting {
     }
 
     /// What errors call scalar `i` of this setting of the parameter `name`: `g`, `alpha[0]`.
-    pub(crate) fn label(&self, name: &str, i: usize) -> String {
+    pub fn label(&self, name: &str, i: usize) -> String {
         component(name, i, self.scalars().len())
     }
 }

@@ -1,15 +1,21 @@
 //! The bake of one material: frames, maps, and the three networks, with presets for how much work to spend.
 
+use crate::charts::ChartsNetwork;
 use crate::database;
 use crate::error::Result;
 use crate::maps::{self, Charts, Job, Summary};
-use crate::nn::frame::FrameNetwork;
+use crate::optimiser::Rule;
+use crate::places;
+use crate::presets::Preset;
 use crate::training::data::TrainingSet;
+use crate::training::mlp::Mlp;
+use crate::training::schedule::Schedule;
 use crate::training::trainer::Plan;
 use crate::training::{density, sample};
 use crate::transport::Solver;
 use bake_runtime::{BakedMaterial, Material, Network, NetworkSpec, Role};
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// How much work a bake spends.
@@ -38,24 +44,16 @@ impl Effort {
     };
 }
 
-/// Hidden widths of the warp preset when only `wo` is free: sampling, evaluation, pdf and frame network.
-pub const SAMPLE_HIDDEN: [usize; 4] = [32; 4];
-/// See [`SAMPLE_HIDDEN`].
-pub const EVAL_HIDDEN: [usize; 3] = [32; 3];
-/// See [`SAMPLE_HIDDEN`].
-pub const PDF_HIDDEN: [usize; 3] = [24; 3];
-/// See [`SAMPLE_HIDDEN`].
-pub const FRAME_HIDDEN: [usize; 2] = [16; 2];
-
-/// Peak learning rates of the frame network, and of the other three.
-const FRAME_RATE: f64 = 1e-2;
+/// Peak learning rates of the charts' network, and of the other three.
+const CHARTS_RATE: f64 = 1e-2;
+/// See [`CHARTS_RATE`].
 const RATE: f64 = 4e-3;
 
 /// A stage of the bake, for progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
-    /// Lobe frames are fitted and their network is trained.
-    Frames,
+    /// Charts are fitted and their network is trained.
+    Charts,
     /// Slices and importance maps.
     Maps,
     /// The sampling network.
@@ -70,7 +68,7 @@ impl Stage {
     /// Words for a progress bar.
     pub fn label(self) -> &'static str {
         match self {
-            Stage::Frames => "lobe frames",
+            Stage::Charts => "charts of lobes",
             Stage::Maps => "importance maps",
             Stage::Sample => "sampling network",
             Stage::Eval => "evaluation network",
@@ -103,25 +101,16 @@ pub struct Bake {
 /// See [`crate::Error`].
 pub fn bake(
     material: &Material,
+    preset: Preset,
     effort: Effort,
     seed: u64,
     work: &Path,
     progress: &(dyn Fn(Stage, u64, u64) -> std::ops::ControlFlow<()> + Sync),
 ) -> Result<Bake> {
-    let bsdf = material.conductor()?;
-    let spec = |role: Role, hidden: &[usize]| {
-        NetworkSpec::warp(
-            role,
-            material.clone(),
-            bsdf.alpha,
-            hidden.to_vec(),
-            FRAME_HIDDEN.to_vec(),
-        )
-    };
-    let specs = [
-        spec(Role::Sample, &SAMPLE_HIDDEN),
-        spec(Role::Eval, &EVAL_HIDDEN),
-        spec(Role::Pdf, &PDF_HIDDEN),
+    let [sample_spec, eval_spec, pdf_spec] = [
+        preset.spec(Role::Sample, material)?,
+        preset.spec(Role::Eval, material)?,
+        preset.spec(Role::Pdf, material)?,
     ];
     let context = format!("{material:?} {effort:?}");
     let [frame_steps, sample_steps, eval_steps, pdf_steps] = effort.steps;
@@ -130,42 +119,43 @@ pub fn bake(
         steps,
         batch: effort.batch,
         rate,
+        schedule: Schedule::WarmCosine,
+        rule: Rule::Muon,
         seed,
     };
 
     let started = Instant::now();
     let tick = |stage: Stage| move |done: u64, total: u64| progress(stage, done, total);
-    let directions = maps::draw_directions(effort.slices);
-    let fitted = maps::fit_frames(&bsdf, &directions, &tick(Stage::Frames))?;
+    let places = places::draw(material, effort.slices, seed);
     let frame_plan = Plan {
         batch: effort.batch / 4,
-        ..plan("frame", frame_steps, FRAME_RATE)
+        ..plan("charts", frame_steps, CHARTS_RATE)
     };
-    let frames = FrameNetwork::train(
-        &specs[0],
+    let charts = ChartsNetwork::train(
+        &sample_spec,
         frame_plan,
-        &directions,
-        &fitted,
+        material,
+        &places,
         work,
-        &tick(Stage::Frames),
+        &tick(Stage::Charts),
     )?;
     let job = Job {
         material,
-        places: &directions,
-        drawn: "training directions",
-        charts: Charts::Predicted(&frames),
+        places: &places,
+        drawn: &format!("training places, seed {seed}"),
+        charts: Charts::Predicted(&charts),
         solver: Solver::Frame,
         cells: maps::CELLS,
         seed,
     };
     let summary = maps::compute(&job, work, &tick(Stage::Maps))?;
-    let slices = database::load(work, directions.len(), &job.fingerprint())?;
+    let slices = database::load(work, places.len(), &job.fingerprint())?;
     let maps_seconds = started.elapsed().as_secs_f64();
 
     let started = Instant::now();
-    let set = TrainingSet::new(&slices);
+    let set = Arc::new(TrainingSet::new(slices, &charts));
     let sampler = sample::train(
-        &specs[0],
+        &sample_spec,
         plan("sample", sample_steps, RATE),
         &set,
         work,
@@ -173,38 +163,35 @@ pub fn bake(
         &tick(Stage::Sample),
     )?;
     let eval = density::train_eval(
-        &specs[1],
+        &eval_spec,
         plan("eval", eval_steps, RATE),
-        &set,
+        material,
+        &charts,
         work,
         &context,
         &tick(Stage::Eval),
     )?;
-    let pdf_plan = plan("pdf", pdf_steps, RATE);
     let pdf = density::train_pdf(
-        &specs[2],
-        pdf_plan,
+        &pdf_spec,
+        plan("pdf", pdf_steps, RATE),
         &set,
-        &sampler,
+        (&sample_spec, &sampler),
         work,
         &context,
         &tick(Stage::Pdf),
     )?;
     let train_seconds = started.elapsed().as_secs_f64();
 
-    let [sample_spec, eval_spec, pdf_spec] = specs;
-    let network = |spec: NetworkSpec, mlp: crate::nn::mlp::Mlp| -> Result<Network> {
-        Ok(Network {
-            spec,
-            frame: frames.layers.clone(),
-            net: mlp.to_dense()?,
-        })
+    let network = |spec: NetworkSpec, mlp: Mlp| Network {
+        spec,
+        frame: charts.layers.clone(),
+        net: mlp.to_dense(),
     };
     Ok(Bake {
         material: BakedMaterial {
-            sample: network(sample_spec, sampler)?,
-            eval: network(eval_spec, eval)?,
-            pdf: network(pdf_spec, pdf)?,
+            sample: network(sample_spec, sampler),
+            eval: network(eval_spec, eval),
+            pdf: network(pdf_spec, pdf),
         },
         maps_seconds,
         train_seconds,

@@ -4,14 +4,16 @@
 pub mod bake;
 pub mod bench;
 pub mod card;
+pub mod charts;
 pub mod compare;
 pub mod database;
 pub mod error;
+pub mod fused;
 pub mod lobes;
 pub mod maps;
-pub mod nn;
 pub mod optimiser;
 pub mod places;
+pub mod presets;
 pub mod slice;
 pub mod spline;
 mod tensors;

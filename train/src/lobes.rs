@@ -7,11 +7,10 @@
 use crate::error::{Error, Result};
 use crate::spline::{EdgeSpline, edge_cell_centre, edge_cell_weight};
 use crate::transport::frame_fit;
-use crate::transport::mirror::mirror_chart;
 use bake_runtime::Bsdf;
+use bake_runtime::anchor::mirror_chart;
 use bake_runtime::bsdf::{Rest, Slice, shifted_r2};
 use bake_runtime::chart::Chart;
-use bake_runtime::frame::{Frame, mirror_anchor};
 use glam::DVec3;
 
 /// Luminance of linear Rec. 709 RGB: what the maps are made for.
@@ -116,7 +115,7 @@ impl<'a> LobeSlice<'a> {
             })
         };
         let alpha = slice.alpha();
-        let start = mirror_chart(wo, alpha);
+        let start = mirror_chart(wo.to_array(), alpha);
         let sharp = look(&start, LOOK_CELLS[1], |wi| slice.sharp(wi));
         if !sharp.is_finite() {
             return refuse("it is not finite");
@@ -208,17 +207,30 @@ impl<'a> LobeSlice<'a> {
         }
     }
 
+    /// The chart fitted to a lobe from `start`, whose boost it keeps.
+    pub fn fitted_from(&self, lobe: Lobe, start: &Chart) -> Chart {
+        match (lobe, self.slice.rest()) {
+            // Higher orders lie where single scattering does.
+            (Lobe::Sharp, _) | (Lobe::Whole, Rest::Alike) if self.sharp_chart.is_some() => {
+                fit(start, |wi| self.slice.sharp(wi))
+            }
+            _ => fit(start, |wi| self.f_cos(lobe, wi)),
+        }
+    }
+
     /// The chart of the sharp lobe; `None` where that is black.
     pub fn sharp_chart(&self) -> Option<Chart> {
         self.sharp_chart
     }
 
-    /// The frame fitted to the sharp lobe without a boost, as the networks predict it.
-    pub fn linear_frame(&self) -> Frame {
-        let alpha = self.slice.alpha();
-        let anchor = mirror_anchor(self.wo.to_array(), alpha);
-        let start = Frame::from_outputs([alpha[0].ln(), alpha[1].ln(), 0.0, 0.0, 0.0], anchor);
-        fit(&Chart::of_frame(start), |wi| self.slice.sharp(wi)).frame
+    /// Luminance albedo of a lobe, coarsely: a percent or so.
+    pub fn energy(&self, lobe: Lobe) -> f64 {
+        let cells = match (lobe, &self.smooth) {
+            (Lobe::Smooth, Smooth::Black) => return 0.0,
+            (Lobe::Smooth, Smooth::Table(..)) => SMOOTH_CELLS,
+            _ => LOOK_CELLS[1],
+        };
+        look(&self.chart(lobe), cells, |wi| self.f_cos(lobe, wi))
     }
 
     /// Energy-weighted mean error of the smooth lobe's interpolation, over the albedo of the slice: the bias that removing

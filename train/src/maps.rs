@@ -5,18 +5,15 @@
 //! of warm starts, and with it every byte of the result, is the same for any number of threads.
 
 use crate::Tick;
+use crate::charts::ChartsNetwork;
 use crate::database::{self, SHARD_SLICES};
 use crate::error::{Error, Result};
 use crate::lobes::{Lobe, LobeSlice, WALKS};
-use crate::nn::frame::FrameNetwork;
-use crate::places::{self, Place, THETA_MAX_DEG};
+use crate::places::{self, Place};
+use crate::presets;
 use crate::transport::frame_map::{self, ChartMap, UNIFORM_SHARE};
 use crate::transport::{Solver, disk_map};
-use bake_runtime::bsdf::shifted_r2;
 use bake_runtime::chart::Chart;
-use bake_runtime::conductor::Conductor;
-use bake_runtime::encoding::grazing;
-use bake_runtime::frame::{FRAME_OUTPUTS, mirror_anchor};
 use bake_runtime::{Family, Material, Setting};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -28,9 +25,6 @@ pub const CELLS: usize = 64;
 
 /// Seed of the walks: every slice uses the same numbers, so that their noise varies smoothly with `wo`.
 pub const WALK_SEED: u64 = 0;
-
-/// Exponent of the draw of θ_o = θ_max·ξ^p where only `wo` is free: p < 1 puts more slices next to the horizon.
-const THETA_EXPONENT: f64 = 0.7;
 
 /// One slice with its maps.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,8 +44,8 @@ pub struct MappedSlice {
 pub enum Charts<'a> {
     /// Fitted to every slice, one or two.
     Fitted,
-    /// One, without a boost, as the network predicts it.
-    Predicted(&'a FrameNetwork),
+    /// Those that the network predicts, one for each of the family's [`presets::lobes`].
+    Predicted(&'a ChartsNetwork),
 }
 
 /// What is computed.
@@ -132,7 +126,7 @@ impl Job<'_> {
     /// Largest number of charts of a slice: tables have room for them.
     pub fn charts_max(&self) -> usize {
         match (self.charts, self.solver, self.material.family) {
-            (Charts::Fitted, Solver::Frame, Family::Layered | Family::Principled) => 2,
+            (_, Solver::Frame, Family::Layered | Family::Principled) => 2,
             _ => 1,
         }
     }
@@ -175,7 +169,14 @@ impl Job<'_> {
             (Solver::Frame, charts) => {
                 let charts: Vec<(Lobe, Chart)> = match charts {
                     Charts::Fitted => slice.fitted(),
-                    Charts::Predicted(network) => vec![(Lobe::Whole, Chart::of_frame(network.predict(*wo)))],
+                    Charts::Predicted(network) => {
+                        let predicted = network.predict(parameters, *wo).into_iter();
+                        let lobes = presets::lobes(self.material.family).iter();
+                        lobes
+                            .zip(predicted)
+                            .map(|(lobe, (_, chart))| (*lobe, chart))
+                            .collect()
+                    }
                 };
                 let near: Vec<Option<&[f32]>> = (0..charts.len())
                     .map(|i| match near.len() == charts.len() {
@@ -197,43 +198,11 @@ impl Job<'_> {
     }
 }
 
-/// Directions of `count` training slices where only `wo` is free, folded to the quadrant x, y ≥ 0.
-pub fn draw_directions(count: usize) -> Vec<Place> {
-    (0..count as u64)
-        .map(|k| {
-            let [a, b] = shifted_r2(k, [0.0; 2]);
-            let theta = (THETA_MAX_DEG * a.powf(THETA_EXPONENT)).to_radians();
-            let phi = 0.5 * std::f64::consts::PI * b;
-            let wo = [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()];
-            Place {
-                parameters: Vec::new(),
-                wo,
-                coordinates: grazing(wo).to_vec(),
-            }
-        })
-        .collect()
-}
-
-/// Fits the lobe frame of every direction; the targets of the frame network.
+/// Counts one more of `total` as done.
 ///
 /// # Errors
 /// [`Error::Interrupted`] when `tick` breaks.
-pub fn fit_frames(bsdf: &Conductor, places: &[Place], tick: Tick) -> Result<Vec<[f64; FRAME_OUTPUTS]>> {
-    let done = AtomicU64::new(0);
-    places
-        .par_iter()
-        .map(|place| {
-            // Single scattering decides the frame: one walk will do.
-            let slice = LobeSlice::new(bsdf, DVec3::from_array(place.wo), 1, WALK_SEED)?;
-            advance(&done, places.len(), tick)?;
-            Ok(slice
-                .linear_frame()
-                .to_outputs(mirror_anchor(place.wo, bsdf.alpha)))
-        })
-        .collect()
-}
-
-fn advance(done: &AtomicU64, total: usize, tick: Tick) -> Result<()> {
+pub(crate) fn advance(done: &AtomicU64, total: usize, tick: Tick) -> Result<()> {
     let count = done.fetch_add(1, Ordering::Relaxed) + 1;
     if tick(count, total as u64).is_break() {
         Err(Error::Interrupted)

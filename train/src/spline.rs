@@ -90,15 +90,16 @@ impl Spline {
 
     /// Value at `s` (clamped to the square) and its gradient per unit of the square.
     pub fn at(&self, s: [f64; 2]) -> (f64, [f64; 2]) {
-        let m = self.cells as f64;
+        self.around(&Patch::new(s, self.cells))
+    }
+
+    /// The same at a place that was looked up for this number of cells.
+    fn around(&self, patch: &Patch) -> (f64, [f64; 2]) {
         let side = self.cells + 2 * PAD;
-        let locate = |v: f64| {
-            let x = v.clamp(0.0, 1.0) * m - 0.5;
-            let i = x.floor().clamp(-1.0, m - 1.0);
-            ((i + 1.0) as usize, weights(x - i))
-        };
-        let (i, (wx, dx)) = locate(s[0]);
-        let (j, (wy, dy)) = locate(s[1]);
+        let Patch {
+            start: [i, j],
+            weights: [(wx, dx), (wy, dy)],
+        } = patch;
         let (mut value, mut gx, mut gy) = (0.0, 0.0, 0.0);
         for r in 0..4 {
             let row = &self.coefficients[(j + r) * side + i..(j + r) * side + i + 4];
@@ -111,7 +112,30 @@ impl Spline {
             gx += wy[r] * slope;
             gy += dy[r] * line;
         }
+        let m = self.cells as f64;
         (value, [gx * m, gy * m])
+    }
+}
+
+/// The coefficients around a place, and their weights with slopes along either side.
+struct Patch {
+    start: [usize; 2],
+    weights: [([f64; 4], [f64; 4]); 2],
+}
+
+impl Patch {
+    fn new(s: [f64; 2], cells: usize) -> Patch {
+        let m = cells as f64;
+        let locate = |v: f64| {
+            let x = v.clamp(0.0, 1.0) * m - 0.5;
+            let i = x.floor().clamp(-1.0, m - 1.0);
+            ((i + 1.0) as usize, weights(x - i))
+        };
+        let ((i, wx), (j, wy)) = (locate(s[0]), locate(s[1]));
+        Patch {
+            start: [i, j],
+            weights: [wx, wy],
+        }
     }
 }
 
@@ -154,14 +178,39 @@ impl EdgeSpline {
 
     /// Value at `s` (clamped to the square) and its gradient per unit of the square.
     pub fn at(&self, s: [f64; 2]) -> (f64, [f64; 2]) {
+        self.around(&EdgePlace::new(s, self.even.cells))
+    }
+
+    /// The same at a place that was looked up for this number of cells.
+    pub fn around(&self, place: &EdgePlace) -> (f64, [f64; 2]) {
+        let (value, gradient) = self.even.around(&place.patch);
+        (
+            value,
+            [gradient[0] * place.slope[0], gradient[1] * place.slope[1]],
+        )
+    }
+}
+
+/// A place of the square, looked up once for any number of [`EdgeSpline`]s with as many cells.
+pub struct EdgePlace {
+    patch: Patch,
+    /// dt/ds.
+    slope: [f64; 2],
+}
+
+impl EdgePlace {
+    /// The place `s` (clamped to the square) on `cells`² cells.
+    pub fn new(s: [f64; 2], cells: usize) -> EdgePlace {
         // Inverse of the smoothstep: t = 1/2 − sin(asin(1 − 2s)/3).
         let t = s.map(|v| (0.5 - ((1.0 - 2.0 * v.clamp(0.0, 1.0)).asin() / 3.0).sin()).clamp(0.0, 1.0));
-        let (value, gradient) = self.even.at(t);
         let slope = |t: f64| {
             let t = t.clamp(SLOPE_EDGE, 1.0 - SLOPE_EDGE);
             1.0 / (6.0 * t * (1.0 - t))
         };
-        (value, [gradient[0] * slope(t[0]), gradient[1] * slope(t[1])])
+        EdgePlace {
+            patch: Patch::new(t, cells),
+            slope: t.map(slope),
+        }
     }
 }
 

@@ -99,7 +99,12 @@ impl Conductor {
 impl Bsdf for Conductor {
     /// Single scattering exactly, and [`Conductor::multiple`] for the rest.
     fn eval(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> Vec3 {
-        self.single(wo, wi) + self.multiple(wo, wi, rng)
+        let [single, multiple] = self.eval_lobes(wo, wi, rng);
+        single + multiple
+    }
+
+    fn eval_lobes(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> [Vec3; 2] {
+        [self.single(wo, wi), self.multiple(wo, wi, rng)]
     }
 
     /// One walk: its weight is at most 1.

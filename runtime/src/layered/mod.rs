@@ -168,7 +168,12 @@ fn body_share(eta: Real, sigma_t: Real, albedo: Real, base: Real, g: Real) -> Re
 impl Bsdf for Layered {
     /// The reflection off the interface exactly, and [`Layered::body`] for the rest.
     fn eval(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> Vec3 {
-        Vec3::splat(self.reflection(wo, wi)) + self.body(wo, wi, rng)
+        let [top, body] = self.eval_lobes(wo, wi, rng);
+        top + body
+    }
+
+    fn eval_lobes(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> [Vec3; 2] {
+        [Vec3::splat(self.reflection(wo, wi)), self.body(wo, wi, rng)]
     }
 
     /// One walk forward: its weight is at most 1.

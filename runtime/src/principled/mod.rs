@@ -172,6 +172,11 @@ impl Bsdf for Principled {
         self.f_cos(wo, wi)
     }
 
+    fn eval_lobes(&self, wo: Vec3, wi: Vec3, _rng: &mut Rng) -> [Vec3; 2] {
+        let slice = PrincipledSlice::new(self, wo);
+        [slice.sharp(wi), slice.smooth(wi)]
+    }
+
     /// [`Principled::propose`] and `f_cos / pdf`; draws nothing from `rng`.
     fn sample(&self, wo: Vec3, u: [Real; 2], _rng: &mut Rng) -> Option<BsdfSample> {
         let mixture = Mixture::new(self, wo)?;

@@ -1,7 +1,7 @@
 //! Batches of queries at one `wo`, and running moments of their weights: what every measure is made of.
 
 use super::truth::Truth;
-use bake_runtime::Backend;
+use bake_runtime::{Backend, Points};
 use glam::DVec3;
 
 /// Queries per call.
@@ -106,24 +106,34 @@ impl Buffers {
     pub fn sample_learned(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
         let [x, y, z] = &mut self.wi;
         let [r, g, b] = &mut self.rgb;
-        backend.sample_learned(views(&self.wo), views(&self.u), [x, y, z], [r, g, b])
+        backend.sample_learned(
+            Points::fixed(views(&self.wo)),
+            views(&self.u),
+            [x, y, z],
+            [r, g, b],
+        )
     }
 
     /// Fills `wi` and `scalar`.
     pub fn sample_jacobian(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
         let [x, y, z] = &mut self.wi;
-        backend.sample_jacobian(views(&self.wo), views(&self.u), [x, y, z], &mut self.scalar)
+        backend.sample_jacobian(
+            Points::fixed(views(&self.wo)),
+            views(&self.u),
+            [x, y, z],
+            &mut self.scalar,
+        )
     }
 
     /// Fills `rgb` at `wi`.
     pub fn eval(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
         let [r, g, b] = &mut self.rgb;
-        backend.eval(views(&self.wo), views(&self.wi), [r, g, b])
+        backend.eval(Points::fixed(views(&self.wo)), views(&self.wi), [r, g, b])
     }
 
     /// Fills `scalar` at `wi`.
     pub fn pdf(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
-        backend.pdf(views(&self.wo), views(&self.wi), &mut self.scalar)
+        backend.pdf(Points::fixed(views(&self.wo)), views(&self.wi), &mut self.scalar)
     }
 }
 

@@ -6,7 +6,7 @@ use crate::error::Result;
 use bake_runtime::bsdf::direction;
 use bake_runtime::conductor::Conductor;
 use bake_runtime::estimator::exact_weight;
-use bake_runtime::{Bsdf, Rng};
+use bake_runtime::{Bsdf, Points, Rng};
 use glam::DVec3;
 use std::hint::black_box;
 use std::time::Instant;
@@ -53,16 +53,21 @@ pub fn cost(
         let [x, y, z] = wi.each_mut().map(|c| c.as_mut_slice());
         let [r, g, b] = rgb.each_mut().map(|c| c.as_mut_slice());
         let start = Instant::now();
-        native.sample_learned(wo, u, [&mut *x, &mut *y, &mut *z], [&mut *r, &mut *g, &mut *b])?;
+        native.sample_learned(
+            Points::fixed(wo),
+            u,
+            [&mut *x, &mut *y, &mut *z],
+            [&mut *r, &mut *g, &mut *b],
+        )?;
         lap(start);
         let start = Instant::now();
-        native.sample_jacobian(wo, u, [&mut *x, &mut *y, &mut *z], &mut scalar)?;
+        native.sample_jacobian(Points::fixed(wo), u, [&mut *x, &mut *y, &mut *z], &mut scalar)?;
         lap(start);
         let start = Instant::now();
-        native.eval(wo, [&*x, &*y, &*z], [&mut *r, &mut *g, &mut *b])?;
+        native.eval(Points::fixed(wo), [&*x, &*y, &*z], [&mut *r, &mut *g, &mut *b])?;
         lap(start);
         let start = Instant::now();
-        native.pdf(wo, [&*x, &*y, &*z], &mut scalar)?;
+        native.pdf(Points::fixed(wo), [&*x, &*y, &*z], &mut scalar)?;
         lap(start);
         let start = Instant::now();
         for (i, wo) in directions.iter().enumerate() {
@@ -77,7 +82,7 @@ pub fn cost(
         }
         lap(start);
         let start = Instant::now();
-        native.sample_jacobian(wo, u, [&mut *x, &mut *y, &mut *z], &mut scalar)?;
+        native.sample_jacobian(Points::fixed(wo), u, [&mut *x, &mut *y, &mut *z], &mut scalar)?;
         for (i, wo) in directions.iter().enumerate() {
             let wi = DVec3::new(x[i].into(), y[i].into(), z[i].into());
             let mut rng = Rng::new(&[KEY, i as u64]);
@@ -86,7 +91,12 @@ pub fn cost(
         lap(start);
         if let Some(ort) = &mut ort {
             let start = Instant::now();
-            ort.sample_learned(wo, u, [&mut *x, &mut *y, &mut *z], [&mut *r, &mut *g, &mut *b])?;
+            ort.sample_learned(
+                Points::fixed(wo),
+                u,
+                [&mut *x, &mut *y, &mut *z],
+                [&mut *r, &mut *g, &mut *b],
+            )?;
             lap(start);
         }
         seconds.iter_mut().zip(laps).for_each(|(all, lap)| all.push(lap));

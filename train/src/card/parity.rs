@@ -5,7 +5,7 @@ use super::measure::BackendFactory;
 use crate::error::Result;
 use bake_runtime::backend::{Backend, BakedMaterial};
 use bake_runtime::bsdf::direction;
-use bake_runtime::{Rng, oracle};
+use bake_runtime::{Points, Rng, oracle};
 use rayon::prelude::*;
 
 /// Random queries against the f64 oracle.
@@ -54,10 +54,10 @@ fn run(backend: &mut dyn Backend, q: &Queries) -> Result<Outputs> {
     let wo = q.wo.each_ref().map(|c| c.as_slice());
     let u = q.u.each_ref().map(|c| c.as_slice());
     let wi = q.wi.each_ref().map(|c| c.as_slice());
-    backend.sample_learned(wo, u, [x, y, z], [r, g, b])?;
-    backend.sample_jacobian(wo, u, [jx, jy, jz], jacobian)?;
-    backend.eval(wo, wi, [er, eg, eb])?;
-    backend.pdf(wo, wi, pdf)?;
+    backend.sample_learned(Points::fixed(wo), u, [x, y, z], [r, g, b])?;
+    backend.sample_jacobian(Points::fixed(wo), u, [jx, jy, jz], jacobian)?;
+    backend.eval(Points::fixed(wo), wi, [er, eg, eb])?;
+    backend.pdf(Points::fixed(wo), wi, pdf)?;
     Ok(out)
 }
 
@@ -65,12 +65,27 @@ fn run_oracle(material: &BakedMaterial, q: &Queries) -> Vec<[f64; 14]> {
     let at = |i: usize| {
         let three = |c: &[Vec<f32>; 3]| [c[0][i], c[1][i], c[2][i]].map(f64::from);
         let (wo, wi) = (three(&q.wo), three(&q.wi));
-        let s = oracle::sample(&material.sample, wo, [q.u[0][i], q.u[1][i]].map(f64::from));
-        let e = oracle::density(&material.eval, wo, wi);
-        let p = oracle::density(&material.pdf, wo, wi)[0];
+        let s = oracle::sample(&material.sample, &[], wo, [q.u[0][i], q.u[1][i]].map(f64::from));
+        let e = oracle::eval(&material.eval, &[], wo, wi);
+        let p = oracle::pdf(&material.pdf, &[], wo, wi).0;
         let [x, y, z] = s.wi;
         let [r, g, b] = s.weight;
-        [x, y, z, r, g, b, x, y, z, s.jacobian, e[0], e[1], e[2], p]
+        [
+            x,
+            y,
+            z,
+            r,
+            g,
+            b,
+            x,
+            y,
+            z,
+            oracle::jacobian(&s, &material.pdf, &[], wo),
+            e[0],
+            e[1],
+            e[2],
+            p,
+        ]
     };
     (0..QUERIES).into_par_iter().map(at).collect()
 }

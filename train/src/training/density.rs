@@ -1,107 +1,234 @@
-//! Training of the evaluation and the pdf network.
+//! Training of the evaluation and the pdf network of the warp preset.
 //!
-//! Both see the light's direction in the lobe frame and give the logarithm of a density relative to the
-//! frame's own: the six decades that f_cos spans become numbers of order one. Targets are free of noise (the
-//! slice tables average walks before any logarithm is taken), so logarithmic and L1 losses do not bias them.
+//! Both see the light's direction in the frames of the charts and give the logarithm of a density relative to a frame's
+//! own: the six decades that f_cos spans become numbers of order one.
+//!
+//! **Noise.** Values of the stochastic models are estimates. A loss whose gradient is not linear in its target, as that of
+//! every L1 or logarithmic one, leads to another number than their mean: to the median or to the mean logarithm. Here the
+//! loss is ((f̂ − f)/s)² with a scale s that does not know f: its gradient is linear in f, and its minimum lies at the mean
+//! (Lehtinen et al. 2018, *Noise2Noise*, §3.1, has the same loss for rendered pictures).
 
-use super::data::TrainingSet;
-use super::sample::warp;
+use super::data::{Pick, TrainingSet};
+use super::fresh::{Evaluation, Evaluations, Fresh, GROUP};
+use super::mlp::Mlp;
+use super::sample::{Warp, u_features};
 use super::trainer::{Plan, Trainer};
 use crate::Tick;
+use crate::charts::ChartsNetwork;
 use crate::error::Result;
-use crate::nn::mlp::Mlp;
+use crate::fused::{Features, Fused, Outputs, OutputsMut, TileLoss};
 use bake_runtime::concentric::square_to_hemisphere;
-use bake_runtime::encoding::GRAZING_FEATURES;
-use bake_runtime::spec::{EXPONENT_MAX, NetworkSpec};
-use candle_core::{Device, Tensor};
+use bake_runtime::encoding::Quantity;
+use bake_runtime::simd::{Simd, Tier};
+use bake_runtime::spec::{CHARTS_MAX, EXPONENT_MAX};
+use bake_runtime::{Material, NetworkSpec, Rng};
+use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
-/// Weight of the logarithmic error beside the linear one: it holds the tails, which carry little energy.
+/// Share of the level of the light that the scale of an error never falls below.
+const LEVEL_SHARE: f32 = 0.1;
+/// Share of the brightest channel that the scale of another never falls below.
+const GREY_SHARE: f32 = 0.1;
+/// Weight of the logarithmic error of the pdf beside the linear one: it holds the tails, which carry few samples.
 const LOG_WEIGHT: f64 = 0.1;
-/// Densities of the sampler below this count as this: a fold has no density.
+/// Densities of the sampler above this, relative to its frame, count as this: a fold has none.
 const DET_MIN: f64 = 1e-3;
-/// Scalars of the local direction in front of the features of wo.
-const LOCAL_FEATURES: usize = 3;
 
-fn features(
-    set: &TrainingSet,
-    slices: &[usize],
-    positions: impl Iterator<Item = [f32; 2]>,
-) -> Result<Tensor> {
-    let width = LOCAL_FEATURES + GRAZING_FEATURES;
-    let mut rows = Vec::with_capacity(slices.len() * width);
-    for (k, s) in slices.iter().zip(positions) {
-        let s = s.map(f64::from);
-        rows.extend(square_to_hemisphere(s, [1.0 - s[0], 1.0 - s[1]]).map(|v| v as f32));
-        rows.extend(set.features[*k]);
-    }
-    Ok(Tensor::from_vec(rows, (slices.len(), width), &Device::Cpu)?)
-}
-
-/// Trains the evaluation network of `spec`: output c is ln(f_cos_c·dω/ds) in the frame's square.
-///
-/// The loss is the relative L1 error of the slice plus [`LOG_WEIGHT`] times the logarithmic one.
+/// Trains the evaluation network of `spec`: output 3i + c is ln of lobe i's f_cos_c over the density of its frame.
 ///
 /// # Errors
-/// As [`Trainer::run`].
+/// As [`Trainer::run_to`].
 pub fn train_eval(
     spec: &NetworkSpec,
     plan: Plan,
-    set: &TrainingSet,
+    material: &Material,
+    charts: &ChartsNetwork,
     folder: &Path,
     context: &str,
     tick: Tick,
 ) -> Result<Mlp> {
-    let trainer = Trainer::new(plan, &spec.layers(), folder, context)?;
-    trainer.run(
-        |mlp, _, size, rng| {
-            let batch = set.draw(size, rng);
-            let output = mlp.forward(&features(set, &batch.slices, batch.positions.iter().copied())?, 1)?;
-            let mut targets = Vec::with_capacity(3 * size);
-            let mut scale = Vec::with_capacity(3 * size);
-            for (k, s) in batch.slices.iter().zip(&batch.positions) {
-                let s = s.map(f64::from);
-                targets.extend(set.log_density.iter().map(|splines| splines[*k].at(s).0 as f32));
-                scale.extend(set.albedo[*k].to_array().map(|a| 1.0 / a as f32));
-            }
-            let targets = Tensor::from_vec(targets, (size, 3), &Device::Cpu)?;
-            let scale = Tensor::from_vec(scale, (size, 3), &Device::Cpu)?;
-            let output = output.clamp(-EXPONENT_MAX, EXPONENT_MAX)?;
-            let linear = ((output.exp()? - targets.exp()?)?.abs()? * scale)?.mean_all()?;
-            let log = (output - targets)?.abs()?.mean_all()?;
-            Ok((linear + (log * LOG_WEIGHT)?)?)
-        },
-        tick,
-    )
+    let size = plan.batch.next_multiple_of(GROUP);
+    let fresh = Fresh {
+        material,
+        spec,
+        network: charts,
+    };
+    let mut trainer = Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?;
+    let loss = |rng: &mut Rng| {
+        Ok(EvalLoss {
+            charts: charts.spec.anchors.len(),
+            width: spec.input_features(),
+            batch: fresh.draw(size, rng)?,
+        })
+    };
+    trainer.run_to(u64::MAX, 1, loss, tick)?;
+    Ok(trainer.finish())
 }
 
-/// Trains the pdf network of `spec` on the density of the sampling network `sampler` itself: the output is
-/// −ln det Dh at the position h(u), for uniform u.
+/// Squared error of every lobe and channel over the scale of the light at wi.
+struct EvalLoss {
+    charts: usize,
+    width: usize,
+    batch: Evaluations,
+}
+
+impl EvalLoss {
+    /// Loss of one evaluation and its gradient by the outputs.
+    fn of(&self, value: &Evaluation, outputs: &[f32], gradient: &mut [f32]) -> f64 {
+        let mut predicted = [[0f32; 3]; CHARTS_MAX];
+        let mut total = [LEVEL_SHARE * value.level; 3];
+        for i in 0..self.charts {
+            for c in 0..3 {
+                let max = EXPONENT_MAX as f32;
+                predicted[i][c] = value.density[i] * outputs[3 * i + c].clamp(-max, max).exp();
+                total[c] += predicted[i][c];
+            }
+        }
+        let brightest = total.iter().fold(0f32, |a, b| a.max(*b));
+        let mut loss = 0.0;
+        for i in 0..self.charts {
+            for c in 0..3 {
+                let scale = 1.0 / total[c].max(GREY_SHARE * brightest);
+                let error = (predicted[i][c] - value.f_cos[i][c]) * scale;
+                loss += f64::from(error * error);
+                gradient[3 * i + c] = 2.0 * error * predicted[i][c] * scale;
+            }
+        }
+        loss
+    }
+}
+
+impl TileLoss for EvalLoss {
+    #[inline(always)]
+    fn features<S: Simd>(&self, _: S, queries: Range<usize>, rows: &mut Features) {
+        for (i, k) in queries.enumerate() {
+            let own = &self.batch.features[k * self.width..(k + 1) * self.width];
+            rows.row(0, i).copy_from_slice(own);
+        }
+    }
+
+    fn loss<S: Simd>(
+        &self,
+        _: S,
+        queries: Range<usize>,
+        outputs: &Outputs,
+        gradient: &mut OutputsMut,
+    ) -> f64 {
+        let count = 3 * self.charts;
+        let mut loss = 0.0;
+        for (i, k) in queries.enumerate() {
+            let (mut own, mut slope) = ([0.0; 3 * CHARTS_MAX], [0.0; 3 * CHARTS_MAX]);
+            for o in 0..count {
+                own[o] = outputs.plane(0, o)[i];
+            }
+            loss += self.of(&self.batch.values[k], &own, &mut slope);
+            for o in 0..count {
+                gradient.plane(0, o)[i] = slope[o];
+            }
+        }
+        loss
+    }
+}
+
+/// Trains the pdf network of `spec` on the density of the sampling network `sampler` itself: the output of the drawn chart
+/// is −ln det Dh at the position h(u), for uniform u.
 ///
 /// # Errors
-/// As [`Trainer::run`].
+/// As [`Trainer::run_to`].
 pub fn train_pdf(
     spec: &NetworkSpec,
     plan: Plan,
-    set: &TrainingSet,
-    sampler: &Mlp,
+    set: &Arc<TrainingSet>,
+    (sampler_spec, sampler): (&NetworkSpec, &Mlp),
     folder: &Path,
     context: &str,
     tick: Tick,
 ) -> Result<Mlp> {
-    let trainer = Trainer::new(plan, &spec.layers(), folder, context)?;
-    trainer.run(
-        |mlp, _, size, rng| {
-            let batch = set.draw(size, rng);
-            let (h, det, _) = warp(sampler, set, &batch)?;
-            let positions = h.detach().to_vec2::<f32>()?;
-            let target = det.detach().abs()?.maximum(DET_MIN)?.log()?.neg()?;
-            let x = features(set, &batch.slices, positions.iter().map(|p| [p[0], p[1]]))?;
-            let output = mlp.forward(&x, 1)?.squeeze(1)?;
-            // Drawn with the density itself, so the mean of |p̂/p − 1| is the L1 error of the pdf.
-            let log = (output.clamp(-EXPONENT_MAX, EXPONENT_MAX)? - target)?;
-            Ok(((log.exp()? - 1.0)?.abs()?.mean_all()? + (log.abs()?.mean_all()? * LOG_WEIGHT)?)?)
-        },
-        tick,
-    )
+    let size = plan.batch;
+    let places = Arc::new(set.place_features(spec));
+    let sampler_places = set.place_features(sampler_spec);
+    let shape = super::trainer::shape(&sampler.layers, sampler_spec.activation)?;
+    let mut kernel = Fused::new(Tier::best(), shape, 3)?;
+    let locals = spec
+        .inputs
+        .iter()
+        .filter(|i| matches!(i.quantity, Quantity::Local(_)))
+        .count();
+    let mut trainer = Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?;
+    let loss = |rng: &mut Rng| {
+        let picks = set.draw(size, rng);
+        let outputs = kernel.forward(&sampler.values, &u_features(&picks, &sampler_places))?;
+        let width = outputs.len() / (3 * size);
+        let at = |column: usize, i: usize, c: usize| outputs[(column * size + i) * width + c];
+        let targets = picks.iter().enumerate().map(|(i, pick)| {
+            let slopes = [0, 1].map(|c| [at(1, i, c), at(2, i, c)]);
+            let warp = Warp::new(pick.at, [at(0, i, 0), at(0, i, 1)], slopes);
+            let entry = &set.entries[pick.entry];
+            let mut local = [[0f32; 3]; CHARTS_MAX];
+            let (_, own) = entry.own_chart();
+            let here = square_to_hemisphere(warp.h, warp.complement);
+            let (wi, _) = own.square_to_direction(warp.h);
+            for (k, (_, chart)) in entry.charts.iter().enumerate() {
+                let v = if k == entry.chart {
+                    here
+                } else {
+                    chart.to_local(wi).0
+                };
+                local[k] = v.map(|v| v as f32);
+            }
+            (local, -warp.det().abs().max(DET_MIN).ln())
+        });
+        let targets = targets.collect();
+        Ok(PdfLoss {
+            set: set.clone(),
+            places: places.clone(),
+            locals,
+            targets,
+            picks,
+        })
+    };
+    trainer.run_to(u64::MAX, 1, loss, tick)?;
+    Ok(trainer.finish())
+}
+
+/// Drawn with the density itself, the mean of |p̂/p − 1| is the L1 error of the pdf.
+struct PdfLoss {
+    set: Arc<TrainingSet>,
+    places: Arc<Vec<Vec<f32>>>,
+    /// Number of charts whose local directions come first.
+    locals: usize,
+    targets: Vec<([[f32; 3]; CHARTS_MAX], f64)>,
+    picks: Vec<Pick>,
+}
+
+impl TileLoss for PdfLoss {
+    #[inline(always)]
+    fn features<S: Simd>(&self, _: S, queries: Range<usize>, rows: &mut Features) {
+        for (i, k) in queries.enumerate() {
+            let row = rows.row(0, i);
+            let (local, rest) = row.split_at_mut(3 * self.locals);
+            local.copy_from_slice(self.targets[k].0[..self.locals].as_flattened());
+            rest.copy_from_slice(&self.places[self.picks[k].entry]);
+        }
+    }
+
+    fn loss<S: Simd>(
+        &self,
+        _: S,
+        queries: Range<usize>,
+        outputs: &Outputs,
+        gradient: &mut OutputsMut,
+    ) -> f64 {
+        let mut loss = 0.0;
+        for (i, k) in queries.enumerate() {
+            let chart = self.set.entries[self.picks[k].entry].chart;
+            let log =
+                f64::from(outputs.plane(0, chart)[i]).clamp(-EXPONENT_MAX, EXPONENT_MAX) - self.targets[k].1;
+            let ratio = log.exp();
+            loss += (ratio - 1.0).abs() + LOG_WEIGHT * log.abs();
+            gradient.plane(0, chart)[i] = ((ratio - 1.0).signum() * ratio + LOG_WEIGHT * log.signum()) as f32;
+        }
+        loss
+    }
 }

@@ -1,6 +1,9 @@
-//! Training loops of the frame, sampling, evaluation and pdf networks.
+//! Training of the networks.
 
 pub mod data;
 pub mod density;
+pub mod fresh;
+pub mod mlp;
 pub mod sample;
+pub mod schedule;
 pub mod trainer;

@@ -1,33 +1,42 @@
 //! Training of the warp sampling network.
 //!
 //! First the map: L1 distance to the importance map. Then the density: with h the network's position in the
-//! frame's square, the ratio r = q(h)·det Dh of target to sampled density should be 1 everywhere, so |ln r|
+//! chart's square, the ratio r = q(h)·det Dh of target to sampled density should be 1 everywhere, so |ln r|
 //! is driven to zero, with both tangents carried through the network. The three remaining outputs learn the
-//! weight that the network's own map needs, f_cos·jacobian, by least squares (whose optimum is its mean).
+//! weight that the network's own map needs by least squares (whose optimum is its mean): f_cos·jacobian, with two
+//! charts times the lobe's own part of the light at wi, over the chart's share.
 
-use super::data::{Batch, TrainingSet};
+use super::data::{Entry, Pick, TrainingSet, luminance};
+use super::mlp::Mlp;
 use super::trainer::{Plan, Trainer};
 use crate::Tick;
 use crate::error::Result;
-use crate::nn::lookup::Lookup;
-use crate::nn::mlp::Mlp;
-use bake_runtime::encoding::GRAZING_FEATURES;
-use bake_runtime::spec::{NetworkSpec, WARP_SHIFT_MAX};
-use candle_core::{Device, Tensor};
-use candle_nn::ops::sigmoid;
+use crate::fused::{Features, Outputs, OutputsMut, TileLoss};
+use crate::spline::EdgePlace;
+use bake_runtime::simd::Simd;
+use bake_runtime::spec::WARP_SHIFT_MAX;
+use bake_runtime::{NetworkSpec, Rng};
+use glam::DVec3;
+use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Share of the steps spent on the map alone.
-pub const MAP_SHARE: f64 = 0.3;
+pub const MAP_SHARE: f64 = 0.2;
 /// Weight of the map's distance while the density is trained: it keeps the map from wandering into folds.
 const MAP_WEIGHT: f64 = 0.3;
 /// Weight of the learned weight's squared error, relative to the albedo.
-const WEIGHT_WEIGHT: f64 = 0.3;
+const WEIGHT_WEIGHT: f64 = 0.1;
+/// Weight of the squared deviation of the ratio, which is the variance of the exact weight.
+const VARIANCE_WEIGHT: f64 = 0.5;
 /// Ratios below this count linearly, so that a fold is pushed out instead of giving NaN.
 const RATIO_FLOOR: f64 = 1e-2;
-/// Learned weights aim at most at this many albedos: what exceeds it is rare, and would only add noise.
-const WEIGHT_MAX: f32 = 5.0;
-/// Features of u in front of those of wo.
+/// Deviations above this count linearly: they are rare, and would only add noise.
+const RATIO_BEND: f64 = 2.0;
+/// Learned weights aim at most at this many albedos, for the same reason.
+const WEIGHT_MAX: f64 = 5.0;
+
+/// Features of u, the centred numbers, in front of those of the place.
 const U_FEATURES: usize = 2;
 
 /// Trains the network of `spec` on `set`.
@@ -37,131 +46,242 @@ const U_FEATURES: usize = 2;
 pub fn train(
     spec: &NetworkSpec,
     plan: Plan,
-    set: &TrainingSet,
+    set: &Arc<TrainingSet>,
     folder: &Path,
     context: &str,
     tick: Tick,
 ) -> Result<Mlp> {
     let map_steps = (plan.steps as f64 * MAP_SHARE) as u64;
-    let trainer = Trainer::new(plan, &spec.layers(), folder, context)?;
-    trainer.run(
-        |mlp, step, size, rng| {
-            let batch = set.draw(size, rng);
-            if step < map_steps {
-                map_loss(mlp, set, &batch)
-            } else {
-                density_loss(mlp, set, &batch)
-            }
-        },
-        tick,
-    )
+    let batch = plan.batch;
+    let places = Arc::new(set.place_features(spec));
+    let loss = |stage: Stage| {
+        let places = &places;
+        move |rng: &mut Rng| {
+            Ok(WarpLoss {
+                set: set.clone(),
+                places: places.clone(),
+                picks: set.draw(batch, rng),
+                stage,
+            })
+        }
+    };
+    let mut trainer = Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?;
+    trainer.run_to(map_steps, 1, loss(Stage::Map), tick)?;
+    trainer.run_to(u64::MAX, 3, loss(Stage::Density), tick)?;
+    Ok(trainer.finish())
 }
 
-/// Rows of features: values, and with `tangents` the two blocks of derivatives by u.
-pub fn features(set: &TrainingSet, batch: &Batch, tangents: bool) -> Result<Tensor> {
-    let width = U_FEATURES + GRAZING_FEATURES;
-    let size = batch.positions.len();
-    let mut rows = Vec::with_capacity(3 * size * width);
-    for (k, u) in batch.slices.iter().zip(&batch.positions) {
-        rows.extend(u.map(|v| 2.0 * v - 1.0));
-        rows.extend(set.features[*k]);
-    }
-    if tangents {
-        rows.resize(3 * size * width, 0.0);
-        for i in 0..size {
-            rows[(size + i) * width] = 2.0;
-            rows[(2 * size + i) * width + 1] = 2.0;
+/// What is trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    Map,
+    Density,
+}
+
+/// The loss of a batch; the features of u come first.
+struct WarpLoss {
+    set: Arc<TrainingSet>,
+    places: Arc<Vec<Vec<f32>>>,
+    picks: Vec<Pick>,
+    stage: Stage,
+}
+
+/// Rows of features of `picks`, values and the derivatives along u₀ and u₁, for [`crate::fused::Fused::forward`].
+pub fn u_features(picks: &[Pick], places: &[Vec<f32>]) -> Vec<f32> {
+    let width = U_FEATURES + places.first().map_or(0, Vec::len);
+    let mut rows = vec![0.0; 3 * picks.len() * width];
+    for (i, pick) in picks.iter().enumerate() {
+        for column in 0..3 {
+            let start = (column * picks.len() + i) * width;
+            encode(pick, &places[pick.entry], column, &mut rows[start..start + width]);
         }
     }
-    let columns = if tangents { 3 } else { 1 };
-    Ok(Tensor::from_vec(rows, (columns * size, width), &Device::Cpu)?)
+    rows
 }
 
-/// Position h = σ(logit u + g) `[B, 2]` from rows of outputs.
-fn positions(batch: &Batch, output: &Tensor) -> Result<Tensor> {
-    let size = batch.positions.len();
-    let logits = batch
-        .positions
-        .iter()
-        .flat_map(|u| u.map(|v| (v / (1.0 - v)).ln()))
-        .collect();
-    let logits = Tensor::from_vec(logits, (size, 2), &Device::Cpu)?;
-    let shift = output
-        .narrow(0, 0, size)?
-        .narrow(1, 0, 2)?
-        .clamp(-WARP_SHIFT_MAX, WARP_SHIFT_MAX)?;
-    Ok(sigmoid(&(logits + shift)?)?)
-}
-
-fn map_distance(set: &TrainingSet, batch: &Batch, h: &Tensor) -> Result<Tensor> {
-    let targets: Vec<f32> = batch
-        .slices
-        .iter()
-        .zip(&batch.positions)
-        .flat_map(|(k, u)| set.map_at(*k, *u))
-        .collect();
-    let targets = Tensor::from_vec(targets, (batch.positions.len(), 2), &Device::Cpu)?;
-    Ok(((h - targets)?.abs()?.mean_all()? * 2.0)?)
-}
-
-fn map_loss(mlp: &Mlp, set: &TrainingSet, batch: &Batch) -> Result<Tensor> {
-    let output = mlp.forward(&features(set, batch, false)?, 1)?;
-    map_distance(set, batch, &positions(batch, &output)?)
-}
-
-/// Position and determinant of the map at every sample: `[B, 2]` and `[B]`.
-pub fn warp(mlp: &Mlp, set: &TrainingSet, batch: &Batch) -> Result<(Tensor, Tensor, Tensor)> {
-    let size = batch.positions.len();
-    let output = mlp.forward(&features(set, batch, true)?, 3)?;
-    let h = positions(batch, &output)?;
-    // ∂h_c/∂u_j = h_c(1 − h_c)/v_c · (δ_cj + v_c·∂g_c/∂u_j) with v = u(1 − u).
-    let spread: Vec<f32> = batch
-        .positions
-        .iter()
-        .flat_map(|u| u.map(|v| v * (1.0 - v)))
-        .collect();
-    let spread = Tensor::from_vec(spread, (size, 2), &Device::Cpu)?;
-    let slope = ((&h * (1.0 - &h)?)? / &spread)?;
-    let tangent =
-        |t: usize| -> Result<Tensor> { Ok((output.narrow(0, t * size, size)?.narrow(1, 0, 2)? * &spread)?) };
-    let (by_x, by_y) = (tangent(1)?, tangent(2)?);
-    let column = |t: &Tensor, c: usize| -> Result<Tensor> { Ok(t.narrow(1, c, 1)?.squeeze(1)?) };
-    let diagonal = ((column(&by_x, 0)? + 1.0)? * (column(&by_y, 1)? + 1.0)?)?;
-    let crossed = (column(&by_x, 1)? * column(&by_y, 0)?)?;
-    let det = ((diagonal - crossed)? * (column(&slope, 0)? * column(&slope, 1)?)?)?;
-    Ok((h, det, output.narrow(0, 0, size)?))
-}
-
-fn density_loss(mlp: &Mlp, set: &TrainingSet, batch: &Batch) -> Result<Tensor> {
-    let (h, det, output) = warp(mlp, set, batch)?;
-    let h = h.contiguous()?;
-    let log_q = h.apply_op1(Lookup {
-        splines: set.log_luminance.clone(),
-        indices: batch.slices.clone(),
-    })?;
-    let ratio = (log_q.exp()? * &det)?;
-    let linear = ((&ratio * (1.0 / RATIO_FLOOR))? + (RATIO_FLOOR.ln() - 1.0))?;
-    let small = ratio.lt(RATIO_FLOOR)?;
-    let log_ratio = small.where_cond(&linear, &ratio.maximum(RATIO_FLOOR)?.log()?)?;
-    let density = log_ratio.abs()?.mean_all()?;
-
-    let detached = h.detach();
-    let mut targets = Vec::new();
-    for splines in &set.log_density {
-        let lookup = Lookup {
-            splines: splines.clone(),
-            indices: batch.slices.clone(),
-        };
-        targets.push((detached.apply_op1_no_bwd(&lookup)?.exp()? * det.detach())?);
+/// Writes the features of `pick` (column 0), or what of their derivative along u₀ (1) or u₁ (2) is not 0.
+#[inline(always)]
+fn encode(pick: &Pick, place: &[f32], column: usize, row: &mut [f32]) {
+    match column {
+        0 => {
+            row[..U_FEATURES].copy_from_slice(&pick.at.map(|u| 2.0 * u - 1.0));
+            row[U_FEATURES..].copy_from_slice(place);
+        }
+        tangent => row[tangent - 1] = 2.0,
     }
-    let per_albedo = batch
-        .slices
-        .iter()
-        .flat_map(|k| set.albedo[*k].to_array().map(|a| 1.0 / a as f32));
-    let per_albedo = Tensor::from_vec(per_albedo.collect(), (batch.slices.len(), 3), &Device::Cpu)?;
-    let targets = (Tensor::stack(&targets, 1)? * &per_albedo)?.clamp(0f32, WEIGHT_MAX)?;
-    let weights = (output.narrow(1, 2, 3)?.exp()? * per_albedo)?;
-    let weight = (weights - targets)?.sqr()?.mean_all()?;
-    let map = map_distance(set, batch, &h)?;
-    Ok(((density + (map * MAP_WEIGHT)?)? + (weight * WEIGHT_WEIGHT)?)?)
+}
+
+/// Position and derivatives of the warp at one u.
+pub struct Warp {
+    /// h.
+    pub h: [f64; 2],
+    /// 1 − h.
+    pub complement: [f64; 2],
+    /// u(1 − u).
+    spread: [f64; 2],
+    /// δ_cj + u_c(1 − u_c)·∂g_c/∂u_j.
+    bent: [[f64; 2]; 2],
+}
+
+impl Warp {
+    /// The warp with shifts `g`, and their derivatives `slopes[c][j]` = ∂g_c/∂u_j.
+    pub fn new(u: [f32; 2], g: [f32; 2], slopes: [[f32; 2]; 2]) -> Warp {
+        let mut warp = Warp {
+            h: [0.0; 2],
+            complement: [0.0; 2],
+            spread: [0.0; 2],
+            bent: [[0.0; 2]; 2],
+        };
+        for c in 0..2 {
+            let u = f64::from(u[c]);
+            let g = f64::from(g[c]).clamp(-WARP_SHIFT_MAX, WARP_SHIFT_MAX);
+            let rest = (1.0 - u) * (-g).exp();
+            warp.h[c] = u / (u + rest);
+            warp.complement[c] = rest / (u + rest);
+            warp.spread[c] = u * (1.0 - u);
+            for j in 0..2 {
+                let direct = if c == j { 1.0 } else { 0.0 };
+                warp.bent[c][j] = direct + warp.spread[c] * f64::from(slopes[c][j]);
+            }
+        }
+        warp
+    }
+
+    /// dh_c/dg_c.
+    fn slope(&self, c: usize) -> f64 {
+        self.h[c] * self.complement[c]
+    }
+
+    /// Determinant of the bent part alone; its sign is that of [`Warp::det`].
+    fn bent_det(&self) -> f64 {
+        let [[a, b], [c, d]] = self.bent;
+        a * d - b * c
+    }
+
+    /// Signed determinant of u ↦ h.
+    pub fn det(&self) -> f64 {
+        self.bent_det() * self.slope(0) / self.spread[0] * self.slope(1) / self.spread[1]
+    }
+}
+
+impl WarpLoss {
+    /// Loss of the map's distance, and its gradient by g.
+    fn map(entry: &Entry, u: [f32; 2], warp: &Warp) -> (f64, [f64; 2]) {
+        let target = entry.map_at(u);
+        let error = [0, 1].map(|c: usize| warp.h[c] - f64::from(target[c]));
+        (
+            error[0].abs() + error[1].abs(),
+            [0, 1].map(|c: usize| error[c].signum() * warp.slope(c)),
+        )
+    }
+
+    /// Loss of the density, and its gradient by g and by ∂g_c/∂u_j.
+    fn density(entry: &Entry, warp: &Warp, place: &EdgePlace) -> (f64, [f64; 2], [[f64; 2]; 2]) {
+        let (log_q, log_slope) = entry.log_luminance.around(place);
+        let bent = warp.bent_det();
+        let scale = log_q.exp() * warp.slope(0) / warp.spread[0] * warp.slope(1) / warp.spread[1];
+        let ratio = scale * bent;
+        // d loss = along · d ln(scale) + across · d bent.
+        let (loss, along, across) = if ratio > RATIO_FLOOR {
+            let log = ratio.ln();
+            let deviation = ratio - 1.0;
+            let (square, pull) = match deviation > RATIO_BEND {
+                true => (RATIO_BEND * (2.0 * deviation - RATIO_BEND), 2.0 * RATIO_BEND),
+                false => (deviation * deviation, 2.0 * deviation),
+            };
+            let slope = log.signum() + VARIANCE_WEIGHT * pull * ratio;
+            (log.abs() + VARIANCE_WEIGHT * square, slope, slope / bent)
+        } else {
+            let linear = 1.0 - RATIO_FLOOR.ln() - ratio / RATIO_FLOOR;
+            (linear, -ratio / RATIO_FLOOR, -scale / RATIO_FLOOR)
+        };
+        // ∂ ln(h(1 − h))/∂g = (1 − h) − h.
+        let by_g =
+            [0, 1].map(|c: usize| along * (warp.slope(c) * log_slope[c] + warp.complement[c] - warp.h[c]));
+        let [[a, b], [c, d]] = warp.bent;
+        let [vx, vy] = warp.spread;
+        (
+            loss,
+            by_g,
+            [
+                [across * d * vx, -across * c * vx],
+                [-across * b * vy, across * a * vy],
+            ],
+        )
+    }
+
+    /// The weight that the map needs at `warp`, over the albedo, RGB.
+    fn weight(&self, entry: &Entry, warp: &Warp, place: &EdgePlace) -> DVec3 {
+        let own = DVec3::from_array(entry.log_density.each_ref().map(|d| d.around(place).0.exp()));
+        let (share, chart) = entry.own_chart();
+        let light = match entry.other.map(|k| &self.set.entries[k]) {
+            None => own,
+            Some(other) => {
+                let (wi, area) = chart.square_to_direction(warp.h);
+                let (_, far) = other.own_chart();
+                let place = EdgePlace::new(far.direction_to_square(wi), other.cells);
+                let density =
+                    DVec3::from_array(other.log_density.each_ref().map(|d| d.around(&place).0.exp()));
+                let light = own + density * (far.density(wi) * area);
+                light * (luminance(own) / luminance(light))
+            }
+        };
+        (light * (warp.det() / share) / entry.albedo).clamp(DVec3::ZERO, DVec3::splat(WEIGHT_MAX))
+    }
+}
+
+impl TileLoss for WarpLoss {
+    #[inline(always)]
+    fn features<S: Simd>(&self, _: S, queries: Range<usize>, rows: &mut Features) {
+        for (i, pick) in self.picks[queries].iter().enumerate() {
+            let columns = if self.stage == Stage::Density { 3 } else { 1 };
+            for column in 0..columns {
+                encode(pick, &self.places[pick.entry], column, rows.row(column, i));
+            }
+        }
+    }
+
+    fn loss<S: Simd>(
+        &self,
+        _: S,
+        queries: Range<usize>,
+        outputs: &Outputs,
+        gradient: &mut OutputsMut,
+    ) -> f64 {
+        let mut loss = 0.0;
+        for (i, pick) in self.picks[queries].iter().enumerate() {
+            let entry = &self.set.entries[pick.entry];
+            let g = [0, 1].map(|c| outputs.plane(0, c)[i]);
+            if self.stage == Stage::Map {
+                let warp = Warp::new(pick.at, g, [[0.0; 2]; 2]);
+                let (value, slope) = WarpLoss::map(entry, pick.at, &warp);
+                loss += value;
+                slope
+                    .iter()
+                    .enumerate()
+                    .for_each(|(c, s)| gradient.plane(0, c)[i] = *s as f32);
+                continue;
+            }
+            let slopes = [0, 1].map(|c| [1, 2].map(|j| outputs.plane(j, c)[i]));
+            let warp = Warp::new(pick.at, g, slopes);
+            let place = EdgePlace::new(warp.h, entry.cells);
+            let (far, pull) = WarpLoss::map(entry, pick.at, &warp);
+            let (value, by_g, by_slopes) = WarpLoss::density(entry, &warp, &place);
+            loss += value + MAP_WEIGHT * far;
+            for c in 0..2 {
+                gradient.plane(0, c)[i] = (by_g[c] + MAP_WEIGHT * pull[c]) as f32;
+                for j in 0..2 {
+                    gradient.plane(1 + j, c)[i] = by_slopes[c][j] as f32;
+                }
+            }
+            let target = self.weight(entry, &warp, &place);
+            for c in 0..3 {
+                let weight = f64::from(outputs.plane(0, 2 + c)[i]).exp() / entry.albedo[c];
+                let error = weight - target[c];
+                loss += WEIGHT_WEIGHT * error * error;
+                gradient.plane(0, 2 + c)[i] = (2.0 * WEIGHT_WEIGHT * error * weight) as f32;
+            }
+        }
+        loss
+    }
 }

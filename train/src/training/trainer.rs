@@ -1,30 +1,25 @@
-//! The training loop: data-parallel over fixed shards, so that its result does not depend on the number of
-//! threads; stopped by step count; checkpointed with the whole state of the optimiser.
+//! The training loop: a network as one flat variable of candle, a loss that the fused kernel computes with its gradient,
+//! our optimiser; stopped by step count; checkpointed with the whole state.
 
+use super::mlp::Mlp;
+use super::schedule::Schedule;
 use crate::Tick;
 use crate::error::{Error, Result};
-use crate::nn::mlp::Mlp;
-use crate::optimiser::{Optimiser, Parameter};
+use crate::fused::{Fused, FusedLoss, Nonlinearity, Shape, TileLoss};
+use crate::optimiser::{Optimiser, Rule, layout};
 use crate::tensors;
 use bake_runtime::Rng;
 use bake_runtime::network::write_atomically;
-use candle_core::{Tensor, Var};
-use rayon::prelude::*;
+use bake_runtime::simd::Tier;
+use bake_runtime::spec::Activation;
+use candle_core::{Device, Var};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 
-/// Batches are split into this many shards whatever the number of threads; gradients add up in their order.
-///
-/// With batches of 4096 a shard's largest tensor, three columns of 512 × 32, stays below the 65 536 elements
-/// from which candle hands element-wise work to its own pool of spinning threads.
-pub const SHARDS: usize = 8;
 /// Steps between checkpoints.
 const CHECKPOINT_STEPS: u64 = 500;
-/// Share of the rate that is left at the last step of the cosine schedule.
-const FINAL_RATE: f64 = 1e-3;
-/// Steps over which the rate rises from 0.
-const WARM_UP_STEPS: u64 = 50;
 /// Metadata key of the checkpoint's fingerprint.
 const FINGERPRINT_KEY: &str = "bake.checkpoint";
 
@@ -35,10 +30,14 @@ pub struct Plan {
     pub stage: &'static str,
     /// Number of steps.
     pub steps: u64,
-    /// Samples per step, over all shards.
+    /// Samples per step.
     pub batch: usize,
-    /// Peak learning rate; follows a cosine to zero.
+    /// Peak learning rate.
     pub rate: f64,
+    /// How it changes.
+    pub schedule: Schedule,
+    /// How parameters follow their gradients.
+    pub rule: Rule,
     /// Seed of initialisation and batches.
     pub seed: u64,
 }
@@ -46,128 +45,143 @@ pub struct Plan {
 /// A network with its optimiser.
 pub struct Trainer {
     plan: Plan,
-    mlp: Mlp,
+    layers: Vec<(usize, usize)>,
+    activation: Activation,
     optimiser: Optimiser,
     checkpoint: PathBuf,
     fingerprint: String,
 }
 
-fn is_hidden(index: usize, layers: usize) -> bool {
-    // Parameters come weight, bias, weight, bias…; the first and the last weight are Adam's.
-    let layer = index / 2;
-    index.is_multiple_of(2) && layer > 0 && layer + 1 < layers
+/// The kernel's shape of a network of `layers`.
+///
+/// # Errors
+/// [`Error::Runtime`] for an empty layer.
+pub fn shape(layers: &[(usize, usize)], activation: Activation) -> Result<Shape> {
+    let mut widths: Vec<usize> = layers.iter().map(|(inputs, _)| *inputs).collect();
+    widths.extend(layers.last().map(|(_, outputs)| *outputs));
+    let nonlinearity = match activation {
+        Activation::Silu => Nonlinearity::Silu,
+        Activation::Relu => Nonlinearity::Relu,
+    };
+    Shape::new(widths, nonlinearity)
 }
 
 impl Trainer {
-    /// A network of `shapes` (inputs, outputs), taken up from its checkpoint in `folder` where there is one with
+    /// A network of `layers` (inputs, outputs), taken up from its checkpoint in `folder` where there is one with
     /// the same plan and `context` (a text that names everything else the training depends on).
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] for a checkpoint that is there but cannot be read.
-    pub fn new(plan: Plan, shapes: &[(usize, usize)], folder: &Path, context: &str) -> Result<Trainer> {
-        // candle would split every product over all cores; the shards already use them.
-        gemm::set_threading_threshold(usize::MAX);
-        let mlp = Mlp::random(shapes, &mut Rng::new(&[plan.seed, hash(plan.stage), 0]))?;
-        let count = mlp.layers.len();
-        let parameters = mlp.vars().into_iter().enumerate().map(|(i, var)| {
-            let shape = (var.dim(0)?, var.dims().get(1).copied().unwrap_or(1));
-            Ok((shape, var.flatten_all()?.to_vec1::<f32>()?, is_hidden(i, count)))
-        });
-        let optimiser = Optimiser::new(parameters.collect::<candle_core::Result<_>>()?);
-        let fingerprint = format!("{plan:?} {shapes:?} {context}");
-        let checkpoint = folder.join(format!("train-{}.safetensors", plan.stage));
+    /// [`Error::Checkpoint`] for a checkpoint that is there but cannot be used.
+    pub fn new(
+        plan: Plan,
+        layers: &[(usize, usize)],
+        activation: Activation,
+        folder: &Path,
+        context: &str,
+    ) -> Result<Trainer> {
+        let mlp = Mlp::random(layers, &mut Rng::new(&[plan.seed, hash(plan.stage), 0]));
+        let optimiser = Optimiser::new(plan.rule, layout(layers), mlp.values);
         let mut trainer = Trainer {
+            fingerprint: format!("{plan:?} {layers:?} {activation:?} {context}"),
+            checkpoint: folder.join(format!("train-{}.safetensors", plan.stage)),
             plan,
-            mlp,
+            layers: mlp.layers,
+            activation,
             optimiser,
-            checkpoint,
-            fingerprint,
         };
         trainer.take_up_checkpoint()?;
         Ok(trainer)
     }
 
-    /// Trains to the end and returns the network. `loss` builds the loss of one shard of `batch / SHARDS`
-    /// samples at a step from its own random stream; shards run side by side.
+    /// Whether all steps are done.
+    pub fn is_finished(&self) -> bool {
+        self.optimiser.step >= self.plan.steps
+    }
+
+    /// The network as it is now.
+    pub fn finish(self) -> Mlp {
+        Mlp {
+            layers: self.layers,
+            values: self.optimiser.value,
+        }
+    }
+
+    /// Trains until `end` steps, or the plan's, are done. `loss` draws the batch of a step from its own random stream;
+    /// its queries have `columns` rows each.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] when `tick` breaks, [`Error::Diverged`] when the loss is not finite; both after
-    /// writing the last good state.
-    pub fn run(
-        mut self,
-        loss: impl Fn(&Mlp, u64, usize, &mut Rng) -> Result<Tensor> + Sync,
+    /// [`Error::Interrupted`] when `tick` breaks, [`Error::Diverged`] when the loss or a gradient is not finite; both
+    /// after writing the last good state.
+    pub fn run_to<L: TileLoss + Send + 'static>(
+        &mut self,
+        end: u64,
+        columns: usize,
+        mut loss: impl FnMut(&mut Rng) -> Result<L>,
         tick: Tick,
-    ) -> Result<Mlp> {
-        let shard_size = self.plan.batch / SHARDS;
-        while self.optimiser.step < self.plan.steps {
+    ) -> Result<()> {
+        let shape = shape(&self.layers, self.activation)?;
+        let kernel = Arc::new(Mutex::new(Fused::new(Tier::best(), shape, columns)?));
+        while self.optimiser.step < end.min(self.plan.steps) {
             let step = self.optimiser.step;
             if tick(step, self.plan.steps).is_break() {
                 self.save()?;
                 return Err(Error::Interrupted);
             }
-            let shards: Result<Vec<(f64, Vec<Vec<f32>>)>> = (0..SHARDS)
-                .into_par_iter()
-                .map(|shard| {
-                    let key = [self.plan.seed, hash(self.plan.stage), 1 + step, shard as u64];
-                    let value = loss(&self.mlp, step, shard_size, &mut Rng::new(&key))?;
-                    gradients(&self.mlp, &value)
-                })
-                .collect();
-            let shards = shards?;
-            let mean = shards.iter().map(|(value, _)| value).sum::<f64>() / SHARDS as f64;
-            if !mean.is_finite() {
+            let key = [self.plan.seed, hash(self.plan.stage), 1 + step];
+            let batch = loss(&mut Rng::new(&key))?;
+            let (value, gradient) = self.gradient(&kernel, batch)?;
+            if !value.is_finite() || !gradient.iter().all(|g| g.is_finite()) {
                 self.save()?;
                 return Err(Error::Diverged {
                     stage: self.plan.stage.into(),
                     step,
-                    loss: mean,
+                    loss: value,
                 });
             }
-            let mut total: Vec<Vec<f32>> = self
-                .optimiser
-                .parameters
-                .iter()
-                .map(|p| vec![0.0; p.value.len()])
-                .collect();
-            for (_, gradient) in &shards {
-                for (sum, part) in total.iter_mut().zip(gradient) {
-                    sum.iter_mut()
-                        .zip(part)
-                        .for_each(|(s, g)| *s += g / SHARDS as f32);
-                }
-            }
-            self.optimiser.descend(&total, self.rate(step));
-            self.publish()?;
+            let rate = self.plan.schedule.rate(self.plan.rate, step, self.plan.steps);
+            self.optimiser.descend(&gradient, rate);
             if self.optimiser.step.is_multiple_of(CHECKPOINT_STEPS) {
                 self.save()?;
             }
         }
-        self.save()?;
-        Ok(self.mlp)
+        self.save()
     }
 
-    fn rate(&self, step: u64) -> f32 {
-        let progress = step as f64 / self.plan.steps as f64;
-        let cosine = 0.5 * (1.0 + (std::f64::consts::PI * progress).cos());
-        let warm_up = ((step + 1) as f64 / WARM_UP_STEPS as f64).min(1.0);
-        (self.plan.rate * warm_up * (cosine + FINAL_RATE)) as f32
-    }
-
-    /// Copies the optimiser's values into the network.
-    fn publish(&self) -> Result<()> {
-        for (var, parameter) in self.mlp.vars().into_iter().zip(&self.optimiser.parameters) {
-            var.set(&Tensor::from_slice(&parameter.value, var.shape(), var.device())?)?;
-        }
-        Ok(())
+    /// Mean loss of a batch, and its gradient by every parameter.
+    fn gradient<L: TileLoss + Send + 'static>(
+        &self,
+        kernel: &Arc<Mutex<Fused>>,
+        batch: L,
+    ) -> Result<(f64, Vec<f32>)> {
+        let count = self.optimiser.value.len();
+        let parameters = Var::from_slice(&self.optimiser.value, count, &Device::Cpu)?;
+        let operation = FusedLoss::new(kernel.clone(), self.plan.batch, batch);
+        let loss = parameters.as_tensor().apply_op1(operation)?;
+        let store = loss.backward()?;
+        let gradient = match store.get(&parameters) {
+            Some(gradient) => gradient.to_vec1::<f32>()?,
+            None => vec![0.0; count],
+        };
+        Ok((f64::from(loss.to_scalar::<f32>()?), gradient))
     }
 
     fn save(&self) -> Result<()> {
         let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
-        for (i, p) in self.optimiser.parameters.iter().enumerate() {
-            for (name, values) in [("value", &p.value), ("first", &p.first), ("second", &p.second)] {
-                let data = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-                tensors.push((format!("{name}.{i:02}"), vec![values.len()], data));
-            }
+        let Optimiser {
+            value,
+            first,
+            second,
+            slow,
+            ..
+        } = &self.optimiser;
+        for (name, values) in [
+            ("value", value),
+            ("first", first),
+            ("second", second),
+            ("slow", slow),
+        ] {
+            let data = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            tensors.push((name.into(), vec![values.len()], data));
         }
         tensors.push(("step".into(), vec![1], self.optimiser.step.to_le_bytes().to_vec()));
         let views = tensors.iter().map(|(name, shape, data)| {
@@ -199,44 +213,21 @@ impl Trainer {
         if found != Some(&self.fingerprint) {
             return Err(broken("it belongs to another training run".into()));
         }
-        let read = |name: String, length: usize| {
-            tensors::read(&file, &name, Dtype::F32, length, f32::from_le_bytes).map_err(broken)
+        let read = |name: &str, length: usize| {
+            tensors::read(&file, name, Dtype::F32, length, f32::from_le_bytes).map_err(broken)
         };
-        let load = |(i, p): (usize, &Parameter)| -> Result<Parameter> {
-            let n = p.value.len();
-            Ok(Parameter {
-                value: read(format!("value.{i:02}"), n)?,
-                first: read(format!("first.{i:02}"), n)?,
-                second: read(format!("second.{i:02}"), n)?,
-                ..p.clone()
-            })
-        };
-        let parameters = self
-            .optimiser
-            .parameters
-            .iter()
-            .enumerate()
-            .map(load)
-            .collect::<Result<Vec<_>>>()?;
         let step = tensors::read(&file, "step", Dtype::U64, 1, u64::from_le_bytes).map_err(broken)?[0];
-        self.optimiser = Optimiser { parameters, step };
-        self.publish()
+        let (count, slow) = (self.optimiser.value.len(), self.optimiser.slow.len());
+        self.optimiser = Optimiser {
+            value: read("value", count)?,
+            first: read("first", count)?,
+            second: read("second", count)?,
+            slow: read("slow", slow)?,
+            step,
+            ..self.optimiser.clone()
+        };
+        Ok(())
     }
-}
-
-/// Value of a loss and its gradient by every variable of `mlp`.
-fn gradients(mlp: &Mlp, loss: &Tensor) -> Result<(f64, Vec<Vec<f32>>)> {
-    let store = loss.backward()?;
-    let gradient = |var: &Var| match store.get(var) {
-        Some(g) => Ok(g.flatten_all()?.to_vec1::<f32>()?),
-        None => Ok(vec![0.0; var.elem_count()]),
-    };
-    let all = mlp
-        .vars()
-        .into_iter()
-        .map(gradient)
-        .collect::<candle_core::Result<_>>()?;
-    Ok((f64::from(loss.to_scalar::<f32>()?), all))
 }
 
 /// FNV-1a of a stage's name: part of the key of its random numbers.

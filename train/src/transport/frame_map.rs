@@ -5,7 +5,7 @@ use super::map::ImportanceMap;
 use super::potential::Potential;
 use super::square_map::SquareMap;
 use crate::error::Result;
-use crate::lobes::{LUMINANCE, Lobe, LobeSlice, direction_at};
+use crate::lobes::{ALBEDO_MIN, LUMINANCE, Lobe, LobeSlice, direction_at};
 use crate::slice::SliceTable;
 use crate::spline::cell_centre;
 use bake_runtime::chart::Chart;
@@ -83,6 +83,10 @@ pub fn solve(
 ) -> Result<Vec<ChartMap>> {
     let mut maps = Vec::with_capacity(charts.len());
     for (i, (lobe, chart)) in charts.iter().enumerate() {
+        if charts.len() > 1 && slice.energy(*lobe) <= ALBEDO_MIN {
+            maps.push(black_chart(*chart, cells));
+            continue;
+        }
         let table = SliceTable::tabulate(slice, *lobe, chart, cells)?;
         let near: Option<Vec<f64>> = near
             .get(i)
@@ -94,6 +98,25 @@ pub fn solve(
     let energy: f64 = maps.iter().map(|m| m.share).sum();
     maps.iter_mut().for_each(|m| m.share /= energy);
     Ok(maps)
+}
+
+/// What stands for a lobe without light beside another: an even density and the identity, with no share.
+fn black_chart(chart: Chart, cells: usize) -> ChartMap {
+    let plane = vec![ALBEDO_MIN.ln() as f32; cells * cells];
+    ChartMap {
+        chart,
+        share: 0.0,
+        table: SliceTable {
+            cells,
+            log_density: [0; 3].map(|_| plane.clone()),
+        },
+        map: (0..cells * cells)
+            .map(|k| cell_centre(k, cells).map(|v| v as f32))
+            .collect(),
+        potential: vec![0.0; cells * cells],
+        residuals: Residuals::default(),
+        fallback: false,
+    }
 }
 
 /// Solves one chart; its share is its energy still.

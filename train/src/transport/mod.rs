@@ -15,7 +15,6 @@ pub mod kantorovich;
 pub mod map;
 pub mod marginal;
 pub mod measure;
-pub mod mirror;
 pub mod monge_ampere;
 mod paths;
 pub mod permutation;
