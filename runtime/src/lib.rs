@@ -37,6 +37,7 @@ pub mod random;
 pub mod real;
 pub mod reference;
 pub mod setting;
+pub mod simd;
 pub mod spec;
 
 pub use backend::{Backend, BakedMaterial};

@@ -7,6 +7,7 @@ pub mod card;
 pub mod compare;
 pub mod database;
 pub mod error;
+pub mod fused;
 pub mod lobes;
 pub mod maps;
 pub mod nn;

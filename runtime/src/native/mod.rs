@@ -4,15 +4,15 @@
 //! dispatched once, into a function compiled for the tier, and cut into tiles that go through all layers in
 //! buffers that stay in the first-level cache. Results do not depend on how queries are batched.
 
-mod arch;
+pub(crate) mod arch;
 mod density;
 mod kernel;
 mod lobe;
-mod math;
+pub(crate) mod math;
 mod program;
 mod sample;
 mod tile;
-mod vector;
+pub(crate) mod vector;
 
 use crate::backend::{Backend, BakedMaterial, check_lengths};
 use crate::error::{Error, Result};

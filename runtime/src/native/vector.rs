@@ -44,6 +44,21 @@ pub trait Vector:
     /// One truth value per lane.
     type Mask: Copy;
 
+    /// As many numbers as there are lanes.
+    type Array: Copy + Send + Sync;
+
+    /// `numbers` cut into whole vectors, without what is left over.
+    fn arrays(numbers: &[f32]) -> &[Self::Array];
+
+    /// As [`Vector::arrays`], to be written.
+    fn arrays_mut(numbers: &mut [f32]) -> &mut [Self::Array];
+
+    /// The numbers of `source`; `self` is only the proof.
+    fn load(self, source: &Self::Array) -> Self;
+
+    /// Writes the lanes to `out`.
+    fn write(self, out: &mut Self::Array);
+
     /// `value` in every lane; `self` is only the proof.
     fn splat(self, value: f32) -> Self;
 

@@ -85,6 +85,29 @@ impl Neg for F32x8 {
 impl Vector for F32x8 {
     const LANES: usize = LANES;
     type Mask = __m256;
+    type Array = [f32; LANES];
+
+    #[inline(always)]
+    fn arrays(numbers: &[f32]) -> &[[f32; LANES]] {
+        numbers.as_chunks().0
+    }
+
+    #[inline(always)]
+    fn arrays_mut(numbers: &mut [f32]) -> &mut [[f32; LANES]] {
+        numbers.as_chunks_mut().0
+    }
+
+    #[inline(always)]
+    fn load(self, source: &[f32; LANES]) -> F32x8 {
+        // SAFETY: AVX2 and FMA as below, and the pointer is to 8 f32; the load needs no alignment.
+        F32x8(unsafe { _mm256_loadu_ps(source.as_ptr()) })
+    }
+
+    #[inline(always)]
+    fn write(self, out: &mut [f32; LANES]) {
+        // SAFETY: AVX2 and FMA as below, and the pointer is to 8 f32; the store needs no alignment.
+        unsafe { _mm256_storeu_ps(out.as_mut_ptr(), self.0) }
+    }
 
     #[inline(always)]
     fn splat(self, value: f32) -> F32x8 {

@@ -91,6 +91,29 @@ impl Neg for F32x16 {
 impl Vector for F32x16 {
     const LANES: usize = LANES;
     type Mask = __mmask16;
+    type Array = [f32; LANES];
+
+    #[inline(always)]
+    fn arrays(numbers: &[f32]) -> &[[f32; LANES]] {
+        numbers.as_chunks().0
+    }
+
+    #[inline(always)]
+    fn arrays_mut(numbers: &mut [f32]) -> &mut [[f32; LANES]] {
+        numbers.as_chunks_mut().0
+    }
+
+    #[inline(always)]
+    fn load(self, source: &[f32; LANES]) -> F32x16 {
+        // SAFETY: AVX-512F as below, and the pointer is to 16 f32; the load needs no alignment.
+        F32x16(unsafe { _mm512_loadu_ps(source.as_ptr()) })
+    }
+
+    #[inline(always)]
+    fn write(self, out: &mut [f32; LANES]) {
+        // SAFETY: AVX-512F as below, and the pointer is to 16 f32; the store needs no alignment.
+        unsafe { _mm512_storeu_ps(out.as_mut_ptr(), self.0) }
+    }
 
     #[inline(always)]
     fn splat(self, value: f32) -> F32x16 {

@@ -56,6 +56,27 @@ impl Neg for F32x1 {
 impl Vector for F32x1 {
     const LANES: usize = 1;
     type Mask = bool;
+    type Array = [f32; 1];
+
+    #[inline(always)]
+    fn arrays(numbers: &[f32]) -> &[[f32; 1]] {
+        numbers.as_chunks().0
+    }
+
+    #[inline(always)]
+    fn arrays_mut(numbers: &mut [f32]) -> &mut [[f32; 1]] {
+        numbers.as_chunks_mut().0
+    }
+
+    #[inline(always)]
+    fn load(self, source: &[f32; 1]) -> F32x1 {
+        F32x1(source[0])
+    }
+
+    #[inline(always)]
+    fn write(self, out: &mut [f32; 1]) {
+        *out = [self.0];
+    }
 
     #[inline(always)]
     fn splat(self, value: f32) -> F32x1 {

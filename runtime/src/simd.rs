@@ -1,0 +1,105 @@
+//! The vectors of our own kernels, for kernels of other crates: one formula for every tier, no `unsafe`.
+//!
+//! A kernel is a [`TierTask`]: [`Tier::dispatch`] finds the processor's proof and runs the task in a function
+//! compiled for the tier. What must be compiled with it is `#[inline(always)]`, or enters again by
+//! [`Simd::enter`] as a function of its own.
+
+use crate::error::{Error, Result};
+use crate::native::arch;
+
+pub use crate::native::Tier;
+pub use crate::native::math::{exp, ln, sigmoid, sin_cos};
+pub use crate::native::vector::{Simd, Task, Vector};
+
+/// A job written over any tier's vectors.
+pub trait TierTask {
+    /// What it gives.
+    type Out;
+
+    /// Does it, compiled with the instructions of `simd` as far as it is `#[inline(always)]`.
+    fn run<S: Simd>(self, simd: S) -> Self::Out;
+}
+
+/// A [`TierTask`] on its way into the function compiled for its tier.
+struct Entering<'a, S, T: TierTask> {
+    simd: S,
+    task: T,
+    out: &'a mut Option<T::Out>,
+}
+
+impl<S: Simd, T: TierTask> Task for Entering<'_, S, T> {
+    #[inline(always)]
+    fn run(self) {
+        *self.out = Some(self.task.run(self.simd));
+    }
+}
+
+impl Tier {
+    /// Runs `task` with this tier's instructions.
+    ///
+    /// # Errors
+    /// [`Error::Tier`] when the processor lacks them.
+    pub fn dispatch<T: TierTask>(self, task: T) -> Result<T::Out> {
+        match self {
+            Tier::Scalar => enter(Some(arch::scalar::Scalar), task),
+            #[cfg(target_arch = "x86_64")]
+            Tier::Avx2 => enter(arch::avx2::Avx2::new(), task),
+            #[cfg(target_arch = "x86_64")]
+            Tier::Avx512 => enter(arch::avx512::Avx512::new(), task),
+            #[cfg(not(target_arch = "x86_64"))]
+            Tier::Avx2 | Tier::Avx512 => None,
+        }
+        .ok_or(Error::Tier(self.name()))
+    }
+}
+
+/// The result of `task`, if there is a proof.
+fn enter<S: Simd, T: TierTask>(simd: Option<S>, task: T) -> Option<T::Out> {
+    let simd = simd?;
+    let mut out = None;
+    simd.enter(Entering {
+        simd,
+        task,
+        out: &mut out,
+    });
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Doubles whole vectors through arrays, and the rest through slices.
+    struct Double<'a>(&'a mut [f32]);
+
+    impl TierTask for Double<'_> {
+        type Out = usize;
+
+        #[inline(always)]
+        fn run<S: Simd>(self, simd: S) -> usize {
+            let zero = simd.splat(0.0);
+            for array in S::Vector::arrays_mut(self.0) {
+                let value = zero.load(array);
+                (value + value).write(array);
+            }
+            let whole = self.0.len() / S::Vector::LANES * S::Vector::LANES;
+            let rest = simd.load(&self.0[whole..]);
+            (rest + rest).store(&mut self.0[whole..]);
+            S::Vector::arrays(self.0).len()
+        }
+    }
+
+    #[test]
+    fn every_tier_runs_a_task_on_its_own_lanes() {
+        for tier in Tier::available() {
+            let mut numbers: Vec<f32> = (0..37).map(|i| i as f32).collect();
+            let lanes = match tier {
+                Tier::Scalar => 1,
+                Tier::Avx2 => 8,
+                Tier::Avx512 => 16,
+            };
+            assert_eq!(tier.dispatch(Double(&mut numbers)).ok(), Some(37 / lanes));
+            assert!(numbers.iter().enumerate().all(|(i, &n)| n == 2.0 * i as f32));
+        }
+    }
+}

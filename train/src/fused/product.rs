@@ -1,0 +1,321 @@
+//! The three matrix products of training, as functions compiled for a tier.
+//!
+//! All have the form C[m, ·] = Σ_k A(m, k)·B[k, ·]: lanes run over the columns of C, a block of rows × vectors
+//! of sums stays in registers while k runs, scalars of A are broadcast and rows of B are read in order. What
+//! follows a product is done to each block while it is at hand: bias and activation going forward, the chain
+//! rule through the activation going back, the sum over tiles for the weights.
+
+use super::activation::Activation;
+use bake_runtime::simd::{Simd, Task, Vector};
+use std::marker::PhantomData;
+
+/// Rows of a block: with [`panel`] vectors, its sums, a row of B and a scalar of A fill the registers.
+pub const ROWS: usize = 6;
+
+/// Widths are padded to a multiple of this, or of the lanes if they are more: blocks of up to [`ROWS`] columns
+/// that begin before a width's end, at an even place, then end within the padding.
+const PAD: usize = 8;
+
+/// Vectors of a block: AVX-512 has 32 registers, the others have 16.
+pub const fn panel(lanes: usize) -> usize {
+    if lanes >= 16 { 4 } else { 2 }
+}
+
+/// `width` rounded up to what a row of it takes.
+pub const fn padded(width: usize, lanes: usize) -> usize {
+    width.next_multiple_of(if lanes > PAD { lanes } else { PAD })
+}
+
+/// Calls `$self.$method::<N>($at)` for each panel of `$width` vectors, where N is the panel's width and `$at`
+/// its first vector.
+macro_rules! for_panels {
+    ($vector:ty, $width:expr, $self:ident . $method:ident) => {
+        let width: usize = $width;
+        for at in (0..width).step_by(panel(<$vector>::LANES)) {
+            match panel(<$vector>::LANES).min(width - at) {
+                4 => $self.$method::<4>(at),
+                3 => $self.$method::<3>(at),
+                2 => $self.$method::<2>(at),
+                _ => $self.$method::<1>(at),
+            }
+        }
+    };
+}
+
+/// Σ over `steps` of (R scalars)ᵀ·(N vectors).
+#[inline(always)]
+fn block<'a, V: Vector, const R: usize, const N: usize>(
+    zero: V,
+    steps: impl Iterator<Item = ([f32; R], &'a [V::Array; N])>,
+) -> [[V; N]; R]
+where
+    V::Array: 'a,
+{
+    let mut sums = [[zero; N]; R];
+    for (left, right) in steps {
+        let right = right.each_ref().map(|array| zero.load(array));
+        for (sums, left) in sums.iter_mut().zip(left) {
+            let left = zero.splat(left);
+            for (sum, right) in sums.iter_mut().zip(right) {
+                *sum = left.mul_add(right, *sum);
+            }
+        }
+    }
+    sums
+}
+
+/// The same where the scalars are R rows of `left`, each `depth` long, from row `at`.
+#[inline(always)]
+fn block_of_rows<V: Vector, const R: usize, const N: usize>(
+    zero: V,
+    left: Rows,
+    at: usize,
+    depth: usize,
+    right: &[V::Array],
+) -> [[V; N]; R] {
+    let rows: [&[f32]; R] = std::array::from_fn(|r| &left.numbers[(at + r) * left.stride..][..depth]);
+    let right = &right.as_chunks::<N>().0[..depth];
+    block(
+        zero,
+        (0..depth).map(|k| (std::array::from_fn(|r| rows[r][k]), &right[k])),
+    )
+}
+
+/// Rows of numbers, `stride` apart.
+#[derive(Clone, Copy)]
+pub struct Rows<'a> {
+    /// All of them.
+    pub numbers: &'a [f32],
+    /// From the start of one to the start of the next.
+    pub stride: usize,
+}
+
+/// A layer going forward: z = W·x (+ b for values), then y = s(z), ẏ = s'(z)·ż.
+///
+/// Rows are `columns` blocks of `queries`: values, then one block per tangent.
+pub struct Forward<'a, S: Simd, A> {
+    pub simd: S,
+    pub activation: PhantomData<A>,
+    pub queries: usize,
+    pub columns: usize,
+    pub inputs: usize,
+    /// Rows of x.
+    pub left: Rows<'a>,
+    /// Wᵀ in panels.
+    pub weights: &'a [f32],
+    /// One per padded output.
+    pub bias: &'a [f32],
+    /// Rows of y, as wide as `bias`.
+    pub out: &'a mut [f32],
+    /// s'(z) for each query.
+    pub slope: &'a mut [f32],
+    /// s''(z) for each query: only needed in here.
+    pub bend: &'a mut [f32],
+    /// s''(z)·ż for each query and tangent.
+    pub turn: &'a mut [f32],
+}
+
+impl<S: Simd, A: Activation> Forward<'_, S, A> {
+    #[inline(always)]
+    fn panel<const N: usize>(&mut self, at: usize) {
+        let zero = self.simd.splat(0.0);
+        let width = self.bias.len() / S::Vector::LANES;
+        let weights = &self.weights[at * S::Vector::LANES * self.inputs..];
+        let weights = S::Vector::arrays(&weights[..N * S::Vector::LANES * self.inputs]);
+        let bias = &S::Vector::arrays(self.bias)[at..at + N];
+        let out = S::Vector::arrays_mut(self.out);
+        let slope = S::Vector::arrays_mut(self.slope);
+        let bend = S::Vector::arrays_mut(self.bend);
+        let turn = S::Vector::arrays_mut(self.turn);
+        for column in 0..self.columns {
+            for query in (0..self.queries).step_by(ROWS) {
+                let first = column * self.queries + query;
+                let sums: [[S::Vector; N]; ROWS] =
+                    block_of_rows(zero, self.left, first, self.inputs, weights);
+                // Stored first: an activation between would push the sums out of their registers.
+                for (r, sums) in sums.into_iter().enumerate() {
+                    for (sum, out) in sums.into_iter().zip(&mut out[(first + r) * width + at..][..N]) {
+                        sum.write(out);
+                    }
+                }
+                for r in 0..ROWS {
+                    let out = &mut out[(first + r) * width + at..][..N];
+                    let place = (query + r) * width + at;
+                    if column == 0 {
+                        for i in 0..N {
+                            let z = zero.load(&out[i]) + zero.load(&bias[i]);
+                            let [value, first, second] = A::at(z);
+                            value.write(&mut out[i]);
+                            if A::HIDDEN {
+                                first.write(&mut slope[place + i]);
+                            }
+                            if A::CURVED && self.columns > 1 {
+                                second.write(&mut bend[place + i]);
+                            }
+                        }
+                    } else if A::HIDDEN {
+                        let offset = (column - 1) * self.queries * width + place;
+                        for i in 0..N {
+                            let z = zero.load(&out[i]);
+                            (z * zero.load(&slope[place + i])).write(&mut out[i]);
+                            if A::CURVED {
+                                (z * zero.load(&bend[place + i])).write(&mut turn[offset + i]);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl<S: Simd, A: Activation> Task for Forward<'_, S, A> {
+    #[inline(always)]
+    fn run(mut self) {
+        for_panels!(S::Vector, self.bias.len() / S::Vector::LANES, self.panel);
+    }
+}
+
+/// A layer going back: ȳ = Wᵀ·z̄ of the layer above, then the activation below it:
+/// z̄ = ȳ·s' + Σ_t ȳ_t·s''·ż_t for values, z̄_t = ȳ_t·s' for tangents.
+pub struct Backward<'a, S: Simd> {
+    pub simd: S,
+    pub queries: usize,
+    pub columns: usize,
+    pub outputs: usize,
+    /// Rows of z̄ above.
+    pub left: Rows<'a>,
+    /// W in panels.
+    pub weights: &'a [f32],
+    /// s'(z) for each query.
+    pub slope: &'a [f32],
+    /// s''(z)·ż for each query and tangent; empty where s'' = 0.
+    pub turn: &'a [f32],
+    /// Rows of z̄, as wide as `bias`.
+    pub out: &'a mut [f32],
+    /// To which z̄ of the values is added: the gradient by the bias.
+    pub bias: &'a mut [f32],
+}
+
+impl<S: Simd> Backward<'_, S> {
+    #[inline(always)]
+    fn panel<const N: usize>(&mut self, at: usize) {
+        let zero = self.simd.splat(0.0);
+        let width = self.bias.len() / S::Vector::LANES;
+        let weights = &self.weights[at * S::Vector::LANES * self.outputs..];
+        let weights = S::Vector::arrays(&weights[..N * S::Vector::LANES * self.outputs]);
+        let slope = S::Vector::arrays(self.slope);
+        let turn = S::Vector::arrays(self.turn);
+        let out = S::Vector::arrays_mut(self.out);
+        let bias = &mut S::Vector::arrays_mut(self.bias)[at..at + N];
+        let curved = self.columns > 1 && !turn.is_empty();
+        // The values come last: they gather what the tangents leave in their place.
+        for column in (0..self.columns).rev() {
+            for query in (0..self.queries).step_by(ROWS) {
+                let first = column * self.queries + query;
+                let sums: [[S::Vector; N]; ROWS] =
+                    block_of_rows(zero, self.left, first, self.outputs, weights);
+                let mut total = [zero; N];
+                for (r, sums) in sums.into_iter().enumerate() {
+                    let place = (query + r) * width + at;
+                    let slope = &slope[place..place + N];
+                    if column > 0 {
+                        if curved {
+                            let offset = (column - 1) * self.queries * width + place;
+                            for i in 0..N {
+                                let turned = sums[i] * zero.load(&turn[offset + i]);
+                                let turned = match column + 1 == self.columns {
+                                    true => turned,
+                                    false => turned + zero.load(&out[place + i]),
+                                };
+                                turned.write(&mut out[place + i]);
+                            }
+                        }
+                        let out = &mut out[(first + r) * width + at..][..N];
+                        for i in 0..N {
+                            (sums[i] * zero.load(&slope[i])).write(&mut out[i]);
+                        }
+                    } else {
+                        let out = &mut out[place..place + N];
+                        for i in 0..N {
+                            let mut value = sums[i] * zero.load(&slope[i]);
+                            if curved {
+                                value = value + zero.load(&out[i]);
+                            }
+                            value.write(&mut out[i]);
+                            total[i] = total[i] + value;
+                        }
+                    }
+                }
+                if column == 0 {
+                    for (bias, total) in bias.iter_mut().zip(total) {
+                        (zero.load(bias) + total).write(bias);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl<S: Simd> Task for Backward<'_, S> {
+    #[inline(always)]
+    fn run(mut self) {
+        for_panels!(S::Vector, self.bias.len() / S::Vector::LANES, self.panel);
+    }
+}
+
+/// The gradient by the weights: W̄[o, i] += Σ over rows of z̄[o]·x[i].
+pub struct Weights<'a, S: Simd> {
+    pub simd: S,
+    pub outputs: usize,
+    /// Rows of z̄.
+    pub left: Rows<'a>,
+    /// Rows of x, padded.
+    pub right: Rows<'a>,
+    /// W̄, rows of outputs as wide as those of x; their number is even.
+    pub gradient: &'a mut [f32],
+}
+
+impl<S: Simd> Weights<'_, S> {
+    #[inline(always)]
+    fn panel<const N: usize>(&mut self, at: usize) {
+        let mut output = 0;
+        while output + 6 <= self.outputs {
+            self.rows::<6, N>(output, at);
+            output += 6;
+        }
+        match self.outputs - output {
+            5.. => self.rows::<6, N>(output, at),
+            3 | 4 => self.rows::<4, N>(output, at),
+            1 | 2 => self.rows::<2, N>(output, at),
+            _ => {}
+        }
+    }
+
+    #[inline(always)]
+    fn rows<const R: usize, const N: usize>(&mut self, output: usize, at: usize) {
+        let zero = self.simd.splat(0.0);
+        let width = self.right.stride / S::Vector::LANES;
+        let left = self.left.numbers.chunks_exact(self.left.stride);
+        let right = S::Vector::arrays(self.right.numbers).chunks_exact(width);
+        let steps = left.zip(right).filter_map(|(left, right)| {
+            let scalars = left.get(output..)?.first_chunk::<R>()?;
+            Some((*scalars, right.get(at..)?.first_chunk::<N>()?))
+        });
+        let sums: [[S::Vector; N]; R] = block(zero, steps);
+        let gradient = S::Vector::arrays_mut(self.gradient);
+        for (r, sums) in sums.into_iter().enumerate() {
+            let gradient = &mut gradient[(output + r) * width + at..][..N];
+            for (sum, gradient) in sums.into_iter().zip(gradient) {
+                (zero.load(gradient) + sum).write(gradient);
+            }
+        }
+    }
+}
+
+impl<S: Simd> Task for Weights<'_, S> {
+    #[inline(always)]
+    fn run(mut self) {
+        for_panels!(S::Vector, self.right.stride / S::Vector::LANES, self.panel);
+    }
+}
