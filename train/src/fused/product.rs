@@ -42,29 +42,24 @@ macro_rules! for_panels {
     };
 }
 
-/// Σ over `steps` of (R scalars)ᵀ·(N vectors).
+/// Adds (R scalars)ᵀ·(N vectors) to `sums`.
 #[inline(always)]
-fn block<'a, V: Vector, const R: usize, const N: usize>(
+fn add_product<V: Vector, const R: usize, const N: usize>(
+    sums: &mut [[V; N]; R],
     zero: V,
-    steps: impl Iterator<Item = ([f32; R], &'a [V::Array; N])>,
-) -> [[V; N]; R]
-where
-    V::Array: 'a,
-{
-    let mut sums = [[zero; N]; R];
-    for (left, right) in steps {
-        let right = right.each_ref().map(|array| zero.load(array));
-        for (sums, left) in sums.iter_mut().zip(left) {
-            let left = zero.splat(left);
-            for (sum, right) in sums.iter_mut().zip(right) {
-                *sum = left.mul_add(right, *sum);
-            }
+    left: impl Fn(usize) -> f32,
+    right: &[V::Array; N],
+) {
+    let right = right.each_ref().map(|array| zero.load(array));
+    for (r, sums) in sums.iter_mut().enumerate() {
+        let left = zero.splat(left(r));
+        for (sum, right) in sums.iter_mut().zip(right) {
+            *sum = left.mul_add(right, *sum);
         }
     }
-    sums
 }
 
-/// The same where the scalars are R rows of `left`, each `depth` long, from row `at`.
+/// The product of R rows of `left` from row `at` and of the rows of `right`, as many as `depth`.
 #[inline(always)]
 fn block_of_rows<V: Vector, const R: usize, const N: usize>(
     zero: V,
@@ -75,10 +70,11 @@ fn block_of_rows<V: Vector, const R: usize, const N: usize>(
 ) -> [[V; N]; R] {
     let rows: [&[f32]; R] = std::array::from_fn(|r| &left.numbers[(at + r) * left.stride..][..depth]);
     let right = &right.as_chunks::<N>().0[..depth];
-    block(
-        zero,
-        (0..depth).map(|k| (std::array::from_fn(|r| rows[r][k]), &right[k])),
-    )
+    let mut sums = [[zero; N]; R];
+    for k in 0..depth {
+        add_product(&mut sums, zero, |r| rows[r][k], &right[k]);
+    }
+    sums
 }
 
 /// Rows of numbers, `stride` apart.
@@ -300,9 +296,12 @@ impl<S: Simd> Weights<'_, S> {
         let right = S::Vector::arrays(self.right.numbers).chunks_exact(width);
         let steps = left.zip(right).filter_map(|(left, right)| {
             let scalars = left.get(output..)?.first_chunk::<R>()?;
-            Some((*scalars, right.get(at..)?.first_chunk::<N>()?))
+            Some((scalars, right.get(at..)?.first_chunk::<N>()?))
         });
-        let sums: [[S::Vector; N]; R] = block(zero, steps);
+        let mut sums = [[zero; N]; R];
+        for (left, right) in steps {
+            add_product(&mut sums, zero, |r| left[r], right);
+        }
         let gradient = S::Vector::arrays_mut(self.gradient);
         for (r, sums) in sums.into_iter().enumerate() {
             let gradient = &mut gradient[(output + r) * width + at..][..N];
