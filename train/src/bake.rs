@@ -4,6 +4,7 @@ use crate::database;
 use crate::error::Result;
 use crate::maps::{self, Charts, Job, Summary};
 use crate::nn::frame::FrameNetwork;
+use crate::optimiser::Rule;
 use crate::training::data::TrainingSet;
 use crate::training::trainer::Plan;
 use crate::training::{density, sample};
@@ -130,6 +131,7 @@ pub fn bake(
         steps,
         batch: effort.batch,
         rate,
+        rule: Rule::Muon,
         seed,
     };
 

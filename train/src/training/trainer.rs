@@ -4,11 +4,11 @@
 use crate::Tick;
 use crate::error::{Error, Result};
 use crate::nn::mlp::Mlp;
-use crate::optimiser::{Optimiser, Parameter};
+use crate::optimiser::{Optimiser, Rule, layout};
 use crate::tensors;
 use bake_runtime::Rng;
 use bake_runtime::network::write_atomically;
-use candle_core::{Tensor, Var};
+use candle_core::Tensor;
 use rayon::prelude::*;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::HashMap;
@@ -39,6 +39,8 @@ pub struct Plan {
     pub batch: usize,
     /// Peak learning rate; follows a cosine to zero.
     pub rate: f64,
+    /// How parameters follow their gradients.
+    pub rule: Rule,
     /// Seed of initialisation and batches.
     pub seed: u64,
 }
@@ -52,12 +54,6 @@ pub struct Trainer {
     fingerprint: String,
 }
 
-fn is_hidden(index: usize, layers: usize) -> bool {
-    // Parameters come weight, bias, weight, bias…; the first and the last weight are Adam's.
-    let layer = index / 2;
-    index.is_multiple_of(2) && layer > 0 && layer + 1 < layers
-}
-
 impl Trainer {
     /// A network of `shapes` (inputs, outputs), taken up from its checkpoint in `folder` where there is one with
     /// the same plan and `context` (a text that names everything else the training depends on).
@@ -68,12 +64,11 @@ impl Trainer {
         // candle would split every product over all cores; the shards already use them.
         gemm::set_threading_threshold(usize::MAX);
         let mlp = Mlp::random(shapes, &mut Rng::new(&[plan.seed, hash(plan.stage), 0]))?;
-        let count = mlp.layers.len();
-        let parameters = mlp.vars().into_iter().enumerate().map(|(i, var)| {
-            let shape = (var.dim(0)?, var.dims().get(1).copied().unwrap_or(1));
-            Ok((shape, var.flatten_all()?.to_vec1::<f32>()?, is_hidden(i, count)))
-        });
-        let optimiser = Optimiser::new(parameters.collect::<candle_core::Result<_>>()?);
+        let mut value = Vec::new();
+        for var in mlp.vars() {
+            value.extend(var.flatten_all()?.to_vec1::<f32>()?);
+        }
+        let optimiser = Optimiser::new(plan.rule, layout(shapes), value);
         let fingerprint = format!("{plan:?} {shapes:?} {context}");
         let checkpoint = folder.join(format!("train-{}.safetensors", plan.stage));
         let mut trainer = Trainer {
@@ -105,7 +100,7 @@ impl Trainer {
                 self.save()?;
                 return Err(Error::Interrupted);
             }
-            let shards: Result<Vec<(f64, Vec<Vec<f32>>)>> = (0..SHARDS)
+            let shards: Result<Vec<(f64, Vec<f32>)>> = (0..SHARDS)
                 .into_par_iter()
                 .map(|shard| {
                     let key = [self.plan.seed, hash(self.plan.stage), 1 + step, shard as u64];
@@ -123,18 +118,12 @@ impl Trainer {
                     loss: mean,
                 });
             }
-            let mut total: Vec<Vec<f32>> = self
-                .optimiser
-                .parameters
-                .iter()
-                .map(|p| vec![0.0; p.value.len()])
-                .collect();
+            let mut total = vec![0.0f32; self.optimiser.value.len()];
             for (_, gradient) in &shards {
-                for (sum, part) in total.iter_mut().zip(gradient) {
-                    sum.iter_mut()
-                        .zip(part)
-                        .for_each(|(s, g)| *s += g / SHARDS as f32);
-                }
+                total
+                    .iter_mut()
+                    .zip(gradient)
+                    .for_each(|(s, g)| *s += g / SHARDS as f32);
             }
             self.optimiser.descend(&total, self.rate(step));
             self.publish()?;
@@ -146,28 +135,41 @@ impl Trainer {
         Ok(self.mlp)
     }
 
-    fn rate(&self, step: u64) -> f32 {
+    fn rate(&self, step: u64) -> f64 {
         let progress = step as f64 / self.plan.steps as f64;
         let cosine = 0.5 * (1.0 + (std::f64::consts::PI * progress).cos());
         let warm_up = ((step + 1) as f64 / WARM_UP_STEPS as f64).min(1.0);
-        (self.plan.rate * warm_up * (cosine + FINAL_RATE)) as f32
+        self.plan.rate * warm_up * (cosine + FINAL_RATE)
     }
 
     /// Copies the optimiser's values into the network.
     fn publish(&self) -> Result<()> {
-        for (var, parameter) in self.mlp.vars().into_iter().zip(&self.optimiser.parameters) {
-            var.set(&Tensor::from_slice(&parameter.value, var.shape(), var.device())?)?;
+        let mut rest = self.optimiser.value.as_slice();
+        for var in self.mlp.vars() {
+            let (own, others) = rest.split_at(var.elem_count());
+            var.set(&Tensor::from_slice(own, var.shape(), var.device())?)?;
+            rest = others;
         }
         Ok(())
     }
 
     fn save(&self) -> Result<()> {
         let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
-        for (i, p) in self.optimiser.parameters.iter().enumerate() {
-            for (name, values) in [("value", &p.value), ("first", &p.first), ("second", &p.second)] {
-                let data = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-                tensors.push((format!("{name}.{i:02}"), vec![values.len()], data));
-            }
+        let Optimiser {
+            value,
+            first,
+            second,
+            slow,
+            ..
+        } = &self.optimiser;
+        for (name, values) in [
+            ("value", value),
+            ("first", first),
+            ("second", second),
+            ("slow", slow),
+        ] {
+            let data = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            tensors.push((name.into(), vec![values.len()], data));
         }
         tensors.push(("step".into(), vec![1], self.optimiser.step.to_le_bytes().to_vec()));
         let views = tensors.iter().map(|(name, shape, data)| {
@@ -199,43 +201,33 @@ impl Trainer {
         if found != Some(&self.fingerprint) {
             return Err(broken("it belongs to another training run".into()));
         }
-        let read = |name: String, length: usize| {
-            tensors::read(&file, &name, Dtype::F32, length, f32::from_le_bytes).map_err(broken)
+        let read = |name: &str, length: usize| {
+            tensors::read(&file, name, Dtype::F32, length, f32::from_le_bytes).map_err(broken)
         };
-        let load = |(i, p): (usize, &Parameter)| -> Result<Parameter> {
-            let n = p.value.len();
-            Ok(Parameter {
-                value: read(format!("value.{i:02}"), n)?,
-                first: read(format!("first.{i:02}"), n)?,
-                second: read(format!("second.{i:02}"), n)?,
-                ..p.clone()
-            })
-        };
-        let parameters = self
-            .optimiser
-            .parameters
-            .iter()
-            .enumerate()
-            .map(load)
-            .collect::<Result<Vec<_>>>()?;
         let step = tensors::read(&file, "step", Dtype::U64, 1, u64::from_le_bytes).map_err(broken)?[0];
-        self.optimiser = Optimiser { parameters, step };
+        let (count, slow) = (self.optimiser.value.len(), self.optimiser.slow.len());
+        self.optimiser = Optimiser {
+            value: read("value", count)?,
+            first: read("first", count)?,
+            second: read("second", count)?,
+            slow: read("slow", slow)?,
+            step,
+            ..self.optimiser.clone()
+        };
         self.publish()
     }
 }
 
 /// Value of a loss and its gradient by every variable of `mlp`.
-fn gradients(mlp: &Mlp, loss: &Tensor) -> Result<(f64, Vec<Vec<f32>>)> {
+fn gradients(mlp: &Mlp, loss: &Tensor) -> Result<(f64, Vec<f32>)> {
     let store = loss.backward()?;
-    let gradient = |var: &Var| match store.get(var) {
-        Some(g) => Ok(g.flatten_all()?.to_vec1::<f32>()?),
-        None => Ok(vec![0.0; var.elem_count()]),
-    };
-    let all = mlp
-        .vars()
-        .into_iter()
-        .map(gradient)
-        .collect::<candle_core::Result<_>>()?;
+    let mut all = Vec::new();
+    for var in mlp.vars() {
+        match store.get(var) {
+            Some(g) => all.extend(g.flatten_all()?.to_vec1::<f32>()?),
+            None => all.resize(all.len() + var.elem_count(), 0.0),
+        }
+    }
     Ok((f64::from(loss.to_scalar::<f32>()?), all))
 }
 
