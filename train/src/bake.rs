@@ -6,6 +6,7 @@ use crate::maps::{self, Charts, Job, Summary};
 use crate::nn::frame::FrameNetwork;
 use crate::optimiser::Rule;
 use crate::training::data::TrainingSet;
+use crate::training::schedule::Schedule;
 use crate::training::trainer::Plan;
 use crate::training::{density, sample};
 use crate::transport::Solver;
@@ -131,6 +132,7 @@ pub fn bake(
         steps,
         batch: effort.batch,
         rate,
+        schedule: Schedule::WarmUpCosine,
         rule: Rule::Muon,
         seed,
     };
