@@ -148,7 +148,10 @@ fn plain_forward(mlp: &Mlp, x: &Tensor, columns: usize) -> candle_core::Result<T
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     gemm::set_threading_threshold(usize::MAX);
     let tiers = match std::env::args().nth(1) {
-        Some(name) => Tier::available().into_iter().filter(|t| t.name() == name).collect(),
+        Some(name) => Tier::available()
+            .into_iter()
+            .filter(|t| t.name() == name)
+            .collect(),
         None => Tier::available().split_off(1),
     };
     let mut out = std::io::stdout();
@@ -187,7 +190,9 @@ fn run(
 ) -> Result<(), Box<dyn std::error::Error>> {
     let mut rng = Rng::new(&[1]);
     let mut random = |count: usize, scale: f64| -> Vec<f32> {
-        (0..count).map(|_| (scale * (2.0 * rng.uniform() - 1.0)) as f32).collect()
+        (0..count)
+            .map(|_| (scale * (2.0 * rng.uniform() - 1.0)) as f32)
+            .collect()
     };
     let mut widths = vec![ENDS.0];
     widths.extend(vec![width; depth]);
@@ -228,7 +233,10 @@ fn run(
     let (one, two) = (pool(1)?, pool(2)?);
     let mut kernels = [(); 2].map(|()| Fused::new(tier, shape.clone(), columns));
     let [single, double] = &mut kernels;
-    let (single, double) = (single.as_mut().map_err(|_| "tier")?, double.as_mut().map_err(|_| "tier")?);
+    let (single, double) = (
+        single.as_mut().map_err(|_| "tier")?,
+        double.as_mut().map_err(|_| "tier")?,
+    );
     let mut best = [f64::INFINITY; 5];
     let mut values = [0.0; 3];
     for _ in 0..ROUNDS {
@@ -244,7 +252,9 @@ fn run(
         }
         let seconds = one.install(|| {
             processor_time(|| {
-                values[2] = single.step(&parameters, QUERIES, &loss).map_or(f64::NAN, |step| step.0);
+                values[2] = single
+                    .step(&parameters, QUERIES, &loss)
+                    .map_or(f64::NAN, |step| step.0);
             })
         });
         best[2] = best[2].min(seconds);
@@ -256,7 +266,10 @@ fn run(
         });
         best[4] = best[4].min(seconds);
     }
-    assert!(values.iter().all(|v| (v / values[0] - 1.0).abs() < 1e-4), "{values:?}");
+    assert!(
+        values.iter().all(|v| (v / values[0] - 1.0).abs() < 1e-4),
+        "{values:?}"
+    );
     let rate = |seconds: f64| QUERIES as f64 / seconds;
     let flops = 2.0 * (shape.training_macs() * columns * QUERIES) as f64 / best[2];
     let lanes = match tier {

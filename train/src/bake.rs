@@ -9,8 +9,8 @@ use crate::places;
 use crate::presets::Preset;
 use crate::training::data::TrainingSet;
 use crate::training::mlp::Mlp;
+use crate::training::run::Plan;
 use crate::training::schedule::Schedule;
-use crate::training::trainer::Plan;
 use crate::training::{density, sample};
 use crate::transport::Solver;
 use bake_runtime::{BakedMaterial, Material, Network, NetworkSpec, Role};
@@ -119,7 +119,7 @@ pub fn bake(
         steps,
         batch: effort.batch,
         rate,
-        schedule: Schedule::WarmCosine,
+        schedule: Schedule::WarmUpCosine,
         rule: Rule::Muon,
         seed,
     };

@@ -7,7 +7,8 @@ use crate::fused::{Features, Outputs, OutputsMut, TileLoss};
 use crate::lobes::{ALBEDO_MIN, Lobe, LobeSlice};
 use crate::places::Place;
 use crate::presets;
-use crate::training::trainer::{Plan, Trainer};
+use crate::training::run::Plan;
+use crate::training::trainer::Trainer;
 use bake_runtime::features::Point;
 use bake_runtime::network::Dense;
 use bake_runtime::oracle::{self, fold, predict_charts};
@@ -79,25 +80,27 @@ impl ChartsNetwork {
             .unwrap_or_else(|| unreachable!("the warp preset has charts"));
         let context = format!("{material:?} {} places, {charts:?}", places.len());
         let batch = plan.batch;
-        let mut trainer = Trainer::new(plan, &spec.frame_layers(), spec.activation, folder, &context)?;
-        if !trainer.is_finished() {
-            let targets = Arc::new(fit(material, &charts, places, tick)?);
-            let rows = Arc::new(places.iter().map(|place| features(&charts, place)).collect());
-            let loss = |rng: &mut Rng| {
-                let picks = (0..batch).map(|_| (rng.uniform() * places.len() as f64) as usize);
-                Ok(ChartsLoss {
-                    rows: Arc::clone(&rows),
-                    targets: targets.clone(),
-                    picks: picks.collect(),
-                })
+        let trainer = Trainer::new(plan, &spec.frame_layers(), spec.activation, folder, &context)?;
+        let targets = Arc::new(match trainer.is_finished() {
+            true => Vec::new(),
+            false => fit(material, &charts, places, tick)?,
+        });
+        let rows = Arc::new(places.iter().map(|place| features(&charts, place)).collect());
+        let loss = |_: u64, rng: &mut Rng| {
+            let picks = (0..batch).map(|_| (rng.uniform() * places.len() as f64) as usize);
+            let batch = ChartsLoss {
+                rows: Arc::clone(&rows),
+                targets: targets.clone(),
+                picks: picks.collect(),
             };
-            trainer.run_to(u64::MAX, 1, loss, tick)?;
-        }
+            Ok((1, batch))
+        };
+        let mlp = trainer.run(loss, tick)?;
         Ok(ChartsNetwork {
             spec: charts,
             symmetry: spec.symmetry,
             activation: spec.activation,
-            layers: trainer.finish().to_dense(),
+            layers: mlp.to_dense(),
         })
     }
 }

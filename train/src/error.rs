@@ -14,15 +14,19 @@ pub enum Error {
     /// The run was cancelled; what was finished lies in the checkpoint.
     #[error("interrupted: go on with --resume")]
     Interrupted,
-    /// Training diverged.
-    #[error("{stage}: the loss is {loss} at step {step}; the checkpoint holds the last good state")]
+    /// Training diverged; nothing of it was saved.
+    #[error("{stage}: {what} not finite at step {step}, where the loss is {loss}; {}", kept(*checkpoint))]
     Diverged {
         /// The network being trained.
         stage: String,
-        /// The step.
+        /// What is not finite: "the loss is", "the gradient is" or the like.
+        what: &'static str,
+        /// The step, counted from 0.
         step: u64,
         /// The loss found.
         loss: f64,
+        /// Steps that the checkpoint on disk has behind it, if there is one.
+        checkpoint: Option<u64>,
     },
     /// A slice has no energy, or has values that are not numbers.
     #[error("slice at θ = {theta_deg:.2}°, φ = {phi_deg:.2}°: {reason}")]
@@ -48,6 +52,14 @@ pub enum Error {
         /// What is wrong with it.
         reason: String,
     },
+}
+
+/// What is left of a run that diverged.
+fn kept(checkpoint: Option<u64>) -> String {
+    match checkpoint {
+        Some(step) => format!("the last good checkpoint, of {step} steps, is kept"),
+        None => "no checkpoint had been written yet".into(),
+    }
 }
 
 /// `Result` with this crate's [`Error`].

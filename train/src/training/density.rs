@@ -9,10 +9,11 @@
 //! (Lehtinen et al. 2018, *Noise2Noise*, §3.1, has the same loss for rendered pictures).
 
 use super::data::{Pick, TrainingSet};
-use super::fresh::{Evaluation, Evaluations, Fresh, GROUP};
+use super::fresh::{Evaluation, Evaluations, Fresh};
 use super::mlp::Mlp;
+use super::run::Plan;
 use super::sample::{Warp, u_features};
-use super::trainer::{Plan, Trainer};
+use super::trainer::Trainer;
 use crate::Tick;
 use crate::charts::ChartsNetwork;
 use crate::error::Result;
@@ -38,7 +39,7 @@ const DET_MIN: f64 = 1e-3;
 /// Trains the evaluation network of `spec`: output 3i + c is ln of lobe i's f_cos_c over the density of its frame.
 ///
 /// # Errors
-/// As [`Trainer::run_to`].
+/// As [`Trainer::run`].
 pub fn train_eval(
     spec: &NetworkSpec,
     plan: Plan,
@@ -48,22 +49,22 @@ pub fn train_eval(
     context: &str,
     tick: Tick,
 ) -> Result<Mlp> {
-    let size = plan.batch.next_multiple_of(GROUP);
+    let size = plan.batch;
     let fresh = Fresh {
         material,
         spec,
         network: charts,
     };
-    let mut trainer = Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?;
-    let loss = |rng: &mut Rng| {
-        Ok(EvalLoss {
+    let trainer = Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?;
+    let loss = |_: u64, rng: &mut Rng| {
+        let batch = EvalLoss {
             charts: charts.spec.anchors.len(),
             width: spec.input_features(),
             batch: fresh.draw(size, rng)?,
-        })
+        };
+        Ok((1, batch))
     };
-    trainer.run_to(u64::MAX, 1, loss, tick)?;
-    Ok(trainer.finish())
+    trainer.run(loss, tick)
 }
 
 /// Squared error of every lobe and channel over the scale of the light at wi.
@@ -135,7 +136,7 @@ impl TileLoss for EvalLoss {
 /// is −ln det Dh at the position h(u), for uniform u.
 ///
 /// # Errors
-/// As [`Trainer::run_to`].
+/// As [`Trainer::run`].
 pub fn train_pdf(
     spec: &NetworkSpec,
     plan: Plan,
@@ -155,8 +156,8 @@ pub fn train_pdf(
         .iter()
         .filter(|i| matches!(i.quantity, Quantity::Local(_)))
         .count();
-    let mut trainer = Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?;
-    let loss = |rng: &mut Rng| {
+    let trainer = Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?;
+    let loss = |_: u64, rng: &mut Rng| {
         let picks = set.draw(size, rng);
         let outputs = kernel.forward(&sampler.values, &u_features(&picks, &sampler_places))?;
         let width = outputs.len() / (3 * size);
@@ -180,16 +181,16 @@ pub fn train_pdf(
             (local, -warp.det().abs().max(DET_MIN).ln())
         });
         let targets = targets.collect();
-        Ok(PdfLoss {
+        let batch = PdfLoss {
             set: set.clone(),
             places: places.clone(),
             locals,
             targets,
             picks,
-        })
+        };
+        Ok((1, batch))
     };
-    trainer.run_to(u64::MAX, 1, loss, tick)?;
-    Ok(trainer.finish())
+    trainer.run(loss, tick)
 }
 
 /// Drawn with the density itself, the mean of |p̂/p − 1| is the L1 error of the pdf.

@@ -7,7 +7,8 @@
 use super::data::luminance;
 use super::mlp::Mlp;
 use super::paper::{log_l1, sampling, smape};
-use super::trainer::{Plan, Trainer};
+use super::run::Plan;
+use super::trainer::Trainer;
 use crate::Tick;
 use crate::error::Result;
 use crate::fused::{Features, Outputs, OutputsMut, TileLoss};
@@ -69,7 +70,10 @@ impl DiskSet {
                 chart: c.chart,
                 cells: c.table.cells,
                 log_density: [0, 1, 2].map(|channel: usize| {
-                    let logs: Vec<f64> = c.table.log_density[channel].iter().map(|&v| f64::from(v)).collect();
+                    let logs: Vec<f64> = c.table.log_density[channel]
+                        .iter()
+                        .map(|&v| f64::from(v))
+                        .collect();
                     EdgeSpline::new(&logs, c.table.cells)
                 }),
             };
@@ -110,7 +114,9 @@ impl DiskSlice {
 
 /// The direction over a position on the disk; from outside of it the nearest one, next to the horizon.
 fn lift([x, y]: [f64; 2]) -> [f64; 3] {
-    let z = (1.0 - x * x - y * y).max(DISK_HEIGHT_MIN * DISK_HEIGHT_MIN).sqrt();
+    let z = (1.0 - x * x - y * y)
+        .max(DISK_HEIGHT_MIN * DISK_HEIGHT_MIN)
+        .sqrt();
     let length = (x * x + y * y + z * z).sqrt();
     [x / length, y / length, z / length]
 }
@@ -118,7 +124,7 @@ fn lift([x, y]: [f64; 2]) -> [f64; 3] {
 /// Trains the network of `spec`, any of the three.
 ///
 /// # Errors
-/// As [`Trainer::run_to`].
+/// As [`Trainer::run`].
 pub fn train(
     spec: &NetworkSpec,
     plan: Plan,
@@ -130,11 +136,14 @@ pub fn train(
     let size = plan.batch;
     let of_query = |i: &Input| matches!(i.quantity, Quantity::U | Quantity::WiDisk);
     let (query, place): (Vec<Input>, Vec<Input>) = spec.inputs.iter().partition(|i| of_query(i));
-    let rows = set.slices.iter().map(|s| features(&Point::new(&s.params, s.wo, None), &place));
+    let rows = set
+        .slices
+        .iter()
+        .map(|s| features(&Point::new(&s.params, s.wo, None), &place));
     let places: Arc<Vec<Vec<f32>>> = Arc::new(rows.collect());
     let role = spec.role;
-    let mut trainer = Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?;
-    let loss = |rng: &mut Rng| {
+    let trainer = Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?;
+    let loss = |_: u64, rng: &mut Rng| {
         let pick = |rng: &mut Rng| ((rng.uniform() * set.slices.len() as f64) as usize, rng.pair());
         let picks: Vec<(usize, [f64; 2])> = (0..size).map(|_| pick(rng)).collect();
         let drawn = picks.par_iter().map(|&(k, u)| {
@@ -157,15 +166,15 @@ pub fn train(
             };
             (features(&point, &query), target)
         });
-        Ok(DiskLoss {
+        let batch = DiskLoss {
             role,
             drawn: drawn.collect(),
             slices: picks.iter().map(|(k, _)| *k).collect(),
             places: places.clone(),
-        })
+        };
+        Ok((1, batch))
     };
-    trainer.run_to(u64::MAX, 1, loss, tick)?;
-    Ok(trainer.finish())
+    trainer.run(loss, tick)
 }
 
 /// A direction whose place on the disk is uniform, as that of a pixel is.
@@ -191,7 +200,12 @@ struct DiskLoss {
 
 impl DiskLoss {
     /// Loss of one query, and its gradient by the outputs.
-    fn of(&self, target: &[f32; OUTPUTS_MAX], output: &[f32; OUTPUTS_MAX], slope: &mut [f32; OUTPUTS_MAX]) -> f64 {
+    fn of(
+        &self,
+        target: &[f32; OUTPUTS_MAX],
+        output: &[f32; OUTPUTS_MAX],
+        slope: &mut [f32; OUTPUTS_MAX],
+    ) -> f64 {
         let exp = |v: f32| v.clamp(-EXPONENT_MAX as f32, EXPONENT_MAX as f32).exp();
         let mut prediction = output.map(exp);
         let loss = match self.role {
@@ -226,7 +240,13 @@ impl TileLoss for DiskLoss {
         }
     }
 
-    fn loss<S: Simd>(&self, _: S, queries: Range<usize>, outputs: &Outputs, gradient: &mut OutputsMut) -> f64 {
+    fn loss<S: Simd>(
+        &self,
+        _: S,
+        queries: Range<usize>,
+        outputs: &Outputs,
+        gradient: &mut OutputsMut,
+    ) -> f64 {
         let count = match self.role {
             Role::Sample => 5,
             Role::Eval => 3,

@@ -14,7 +14,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// Light directions per place: binding a material costs as much as a few of them.
-pub const GROUP: usize = 16;
+const GROUP: usize = 16;
 /// Exponent that favours grazing places: θ_o = θ_max·√(1 − ξ^p), where the paper has p = 1.
 const GRAZING_EXPONENT: f64 = 1.3;
 /// Share of the light directions that every chart gets whatever its share of the samples.
@@ -62,7 +62,7 @@ pub struct Fresh<'a> {
 }
 
 impl Fresh<'_> {
-    /// Draws `size` evaluations, a multiple of [`GROUP`], from the stream of `rng`; the same for any number of threads.
+    /// Draws `size` evaluations from the stream of `rng`; the same for any number of threads.
     ///
     /// # Errors
     /// Those of [`Material::bind`].

@@ -8,7 +8,8 @@
 
 use super::data::{Entry, Pick, TrainingSet, luminance};
 use super::mlp::Mlp;
-use super::trainer::{Plan, Trainer};
+use super::run::Plan;
+use super::trainer::Trainer;
 use crate::Tick;
 use crate::error::Result;
 use crate::fused::{Features, Outputs, OutputsMut, TileLoss};
@@ -54,21 +55,21 @@ pub fn train(
     let map_steps = (plan.steps as f64 * MAP_SHARE) as u64;
     let batch = plan.batch;
     let places = Arc::new(set.place_features(spec));
-    let loss = |stage: Stage| {
-        let places = &places;
-        move |rng: &mut Rng| {
-            Ok(WarpLoss {
-                set: set.clone(),
-                places: places.clone(),
-                picks: set.draw(batch, rng),
-                stage,
-            })
-        }
+    let loss = |step: u64, rng: &mut Rng| {
+        let stage = if step < map_steps {
+            Stage::Map
+        } else {
+            Stage::Density
+        };
+        let batch = WarpLoss {
+            set: set.clone(),
+            places: places.clone(),
+            picks: set.draw(batch, rng),
+            stage,
+        };
+        Ok((stage.columns(), batch))
     };
-    let mut trainer = Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?;
-    trainer.run_to(map_steps, 1, loss(Stage::Map), tick)?;
-    trainer.run_to(u64::MAX, 3, loss(Stage::Density), tick)?;
-    Ok(trainer.finish())
+    Trainer::new(plan, &spec.layers(), spec.activation, folder, context)?.run(loss, tick)
 }
 
 /// What is trained.
@@ -76,6 +77,16 @@ pub fn train(
 enum Stage {
     Map,
     Density,
+}
+
+impl Stage {
+    /// Rows per query: values, and for the density their derivatives along u.
+    fn columns(self) -> usize {
+        match self {
+            Stage::Map => 1,
+            Stage::Density => 3,
+        }
+    }
 }
 
 /// The loss of a batch; the features of u come first.
@@ -234,8 +245,7 @@ impl TileLoss for WarpLoss {
     #[inline(always)]
     fn features<S: Simd>(&self, _: S, queries: Range<usize>, rows: &mut Features) {
         for (i, pick) in self.picks[queries].iter().enumerate() {
-            let columns = if self.stage == Stage::Density { 3 } else { 1 };
-            for column in 0..columns {
+            for column in 0..self.stage.columns() {
                 encode(pick, &self.places[pick.entry], column, rows.row(column, i));
             }
         }
