@@ -28,14 +28,12 @@ pub mod material;
 pub mod metals;
 pub mod microfacet;
 pub mod moments;
-#[cfg(any())]
 pub mod native;
 pub mod network;
 #[cfg(any())]
 pub mod onnxruntime;
 pub mod oracle;
 pub mod principled;
-#[cfg(any())]
 pub mod query;
 pub mod random;
 pub mod real;
