@@ -56,6 +56,26 @@ pub fn disk_to_square(x: Real, y: Real) -> [Real; 2] {
     ]
 }
 
+/// The position s of the unit direction `w`, z ≥ 0, and 1 − s: the inverse of [`square_to_hemisphere`]. Both keep their
+/// relative precision next to the edges.
+pub fn hemisphere_to_square(w: [Real; 3]) -> ([Real; 2], [Real; 2]) {
+    let r = w[0].hypot(w[1]);
+    let size = [w[0].abs(), w[1].abs()];
+    let (major, minor) = if size[0] > size[1] { (0, 1) } else { (1, 0) };
+    // 1 − r = z²/(1 + r): the larger coordinate is half of that from its edge, and the smaller one is as much farther
+    // from its own as its angle is from the diagonal, for which (major − minor)/(major + minor) is the tangent.
+    let mut edges = [0.5 * w[2] * w[2] / (1.0 + r); 2];
+    if r > 0.0 {
+        let from_diagonal = ((size[major] - size[minor]) / (size[major] + size[minor])).atan() / FRAC_PI_4;
+        edges[minor] += 0.5 * r * from_diagonal;
+    }
+    let low = w.map(|c| c < 0.0);
+    (
+        [0, 1].map(|c| if low[c] { edges[c] } else { 1.0 - edges[c] }),
+        [0, 1].map(|c| if low[c] { 1.0 - edges[c] } else { edges[c] }),
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -73,6 +93,11 @@ mod tests {
         for _ in 0..10_000 {
             let s = rng.pair();
             let d = at(s);
+            let (place, complement) = hemisphere_to_square(d);
+            for c in 0..2 {
+                assert!((place[c] - s[c]).abs() < ROUND_TRIP_TOL);
+                assert!((complement[c] - 1.0 + s[c]).abs() < ROUND_TRIP_TOL);
+            }
             let back = disk_to_square(d[0], d[1]);
             assert!((back[0] - s[0]).abs() < ROUND_TRIP_TOL && (back[1] - s[1]).abs() < ROUND_TRIP_TOL);
             assert!((d[0] * d[0] + d[1] * d[1] + d[2] * d[2] - 1.0).abs() < ROUND_TRIP_TOL);
@@ -87,5 +112,8 @@ mod tests {
             }
         }
         assert_eq!(at([0.5, 0.5]), [0.0, 0.0, 1.0]);
+        assert_eq!(hemisphere_to_square([0.0, 0.0, 1.0]), ([0.5; 2], [0.5; 2]));
+        let (_, [edge, _]) = hemisphere_to_square(square_to_hemisphere([1.0, 0.3], [1e-30, 0.7]));
+        assert!((edge / 1e-30 - 1.0).abs() < ROUND_TRIP_TOL);
     }
 }

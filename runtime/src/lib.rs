@@ -34,7 +34,6 @@ pub mod network;
 pub mod onnxruntime;
 pub mod oracle;
 pub mod principled;
-#[cfg(any())]
 pub mod query;
 pub mod random;
 pub mod real;

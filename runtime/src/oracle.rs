@@ -1,6 +1,10 @@
 //! The slow, obvious evaluation of networks in f64, one query at a time: what every fast path is tested
 //! against, and never optimised.
 
+mod invert;
+
+pub use invert::{DET_MIN, Inverted, STEP_MAX, exact_pdf};
+
 use crate::chart::Chart;
 use crate::features::Point;
 use crate::frame::{FRAME_OUTPUTS, Frame};
@@ -122,17 +126,13 @@ pub fn sample(network: &Network, params: &[f64], wo: [f64; 3], u: [f64; 2]) -> O
         u[0] = u[0].clamp(U_MIN, 1.0 - U_MIN);
     }
     point.u = u;
-    let mut value = Vec::new();
-    point.append(&network.spec.inputs, &mut value);
-    let [tx, ty] = point.slopes(&network.spec.inputs);
-    let out = forward(&network.net, network.spec.activation, &[value, tx, ty]);
-    let weight = std::array::from_fn(|c| out[0][2 + c].clamp(-EXPONENT_MAX, EXPONENT_MAX).exp());
+    let (out, shift) = shift(network, &point);
+    let weight = std::array::from_fn(|c| out[2 + c].clamp(-EXPONENT_MAX, EXPONENT_MAX).exp());
     let mut h = [0.0; 2];
     let mut complement = [0.0; 2];
     let mut gradient = [[0.0; 2]; 2];
     for c in 0..2 {
-        let g = out[0][c].clamp(-WARP_SHIFT_MAX, WARP_SHIFT_MAX);
-        let shift = |j: usize| if g == out[0][c] { out[1 + j][c] } else { 0.0 };
+        let [g, by_u @ ..] = shift[c];
         let (a, b, direct) = match network.spec.geometry {
             Geometry::Charts(_) => (u[c], (1.0 - u[c]) * (-g).exp(), 1.0 / (u[c] * (1.0 - u[c]))),
             Geometry::Disk => (1.0, (-g).exp(), 0.0),
@@ -141,7 +141,7 @@ pub fn sample(network: &Network, params: &[f64], wo: [f64; 3], u: [f64; 2]) -> O
         complement[c] = b / (a + b);
         for (j, slope) in gradient[c].iter_mut().enumerate() {
             let direct = if j == c { direct } else { 0.0 };
-            *slope = h[c] * complement[c] * (direct + shift(j));
+            *slope = h[c] * complement[c] * (direct + by_u[j]);
         }
     }
     let det = gradient[0][0] * gradient[1][1] - gradient[0][1] * gradient[1][0];
@@ -157,6 +157,21 @@ pub fn sample(network: &Network, params: &[f64], wo: [f64; 3], u: [f64; 2]) -> O
         square: h,
         chart: point.chart,
     }
+}
+
+/// Outputs of a sampling network, and of its first two g, limited, with its derivatives by u₀ and u₁.
+fn shift(network: &Network, point: &Point) -> (Vec<f64>, [[f64; 3]; 2]) {
+    let inputs = &network.spec.inputs;
+    let mut value = Vec::new();
+    point.append(inputs, &mut value);
+    let [tx, ty] = point.slopes(inputs);
+    let mut out = forward(&network.net, network.spec.activation, &[value, tx, ty]);
+    let shift = [0, 1].map(|c: usize| {
+        let g = out[0][c].clamp(-WARP_SHIFT_MAX, WARP_SHIFT_MAX);
+        let inside = if g == out[0][c] { 1.0 } else { 0.0 };
+        [g, inside * out[1][c], inside * out[2][c]]
+    });
+    (out.swap_remove(0), shift)
 }
 
 /// Unit direction over the position `h` of the square around the disk, and dω/dh (sr), 0 outside of the disk.

@@ -1,18 +1,30 @@
-//! Density queries: (wo, wi) ↦ `f_cos` or pdf, the frame's density times the exponential of the outputs.
+//! Density queries: (parameters, wo, wi) ↦ `f_cos` or pdf, of every chart the density times the exponential of the outputs.
 
-use super::kernel::{Buffers, Linear, Silu, Values};
+use super::kernel::{Buffers, Values};
 use super::math::exp;
-use super::program::{Program, grazing_columns};
-use super::tile::{Cameras, finite_or_zero, queries, write};
+use super::place::Place;
+use super::program::Program;
+use super::tile::{Column, finite_or_zero, queries, read_directions, write};
 use super::vector::{Simd, Task, Vector};
+use crate::backend::Points;
 use crate::error::Result;
 use crate::network::Network;
-use crate::spec::{EXPONENT_MAX, Role};
+use crate::spec::{CHARTS_MAX, EXPONENT_MAX, Role};
 
 /// An evaluation or pdf network and the buffers it runs in.
 pub struct Densities<V, const N: usize> {
-    program: Program,
+    /// The network.
+    pub program: Program,
+    role: Role,
     values: Buffers<V, N>,
+}
+
+/// What `K` outputs per chart of a tile say.
+pub struct Parts<V, const N: usize, const K: usize> {
+    /// Per chart: of `f_cos` its own, or of the pdf its share times its density. Without charts the first is all.
+    pub charts: [[Column<V, N>; K]; CHARTS_MAX],
+    /// Finite in valid queries.
+    pub validity: Column<V, N>,
 }
 
 impl<V: Vector, const N: usize> Densities<V, N> {
@@ -24,8 +36,68 @@ impl<V: Vector, const N: usize> Densities<V, N> {
         let program = Program::new(network, role)?;
         Ok(Densities {
             values: Buffers::new(program.width, zero),
+            role,
             program,
         })
+    }
+
+    /// The parts of the tile that begins at `start`, for light from `wi`, not folded yet; `K` is the number of outputs per
+    /// chart.
+    #[inline(always)]
+    pub fn parts<S: Simd<Vector = V>, const K: usize>(
+        &mut self,
+        simd: S,
+        points: Points,
+        start: usize,
+        mut wi: [Column<V, N>; 3],
+    ) -> Parts<V, N, K> {
+        let Densities {
+            program,
+            role,
+            values,
+        } = self;
+        let zero = simd.splat(0.0);
+        let mut place = Place::read(simd, program, points, start, values);
+        place.cameras.fold_lights(&mut wi);
+        let mut local = [[[zero; N]; 3]; CHARTS_MAX];
+        let mut density = [[simd.splat(1.0); N]; CHARTS_MAX];
+        if let Some(frames) = &program.frames {
+            for c in 0..frames.charts() {
+                for q in 0..N {
+                    let chart = place.chart(frames, c, q);
+                    let (direction, value) = chart.to_local([wi[0][q], wi[1][q], wi[2][q]]);
+                    density[c][q] = value;
+                    for (column, component) in local[c].iter_mut().zip(direction) {
+                        column[q] = component;
+                    }
+                }
+            }
+            if *role == Role::Pdf && frames.charts() == CHARTS_MAX {
+                for q in 0..N {
+                    let share = place.share(q);
+                    density[0][q] = density[0][q] * share;
+                    density[1][q] = density[1][q] * (share.splat(1.0) - share);
+                }
+            }
+        }
+        let mut scalars = place.scalars();
+        scalars.wi = &wi[..2];
+        scalars.local = local.each_ref().map(|local| local.as_slice());
+        scalars.encode(simd, &program.inputs, values.input());
+        let rows = values.run::<Values>(&program.net);
+        let max = EXPONENT_MAX as f32;
+        let mut charts = [[[zero; N]; K]; CHARTS_MAX];
+        for ((parts, rows), density) in charts.iter_mut().zip(rows.chunks_exact(K)).zip(&density) {
+            for (part, row) in parts.iter_mut().zip(rows) {
+                for q in 0..N {
+                    part[q] = density[q] * exp(row[q].clamp(-max, max));
+                }
+            }
+        }
+        Parts {
+            charts,
+            validity: place.cameras.validity,
+        }
     }
 }
 
@@ -33,7 +105,7 @@ impl<V: Vector, const N: usize> Densities<V, N> {
 pub struct Density<'a, S: Simd, const N: usize, const K: usize> {
     pub simd: S,
     pub densities: &'a mut Densities<S::Vector, N>,
-    pub wo: [&'a [f32]; 3],
+    pub points: Points<'a>,
     pub wi: [&'a [f32]; 3],
     pub out: [&'a mut [f32]; K],
 }
@@ -41,31 +113,19 @@ pub struct Density<'a, S: Simd, const N: usize, const K: usize> {
 impl<S: Simd, const N: usize, const K: usize> Task for Density<'_, S, N, K> {
     #[inline(always)]
     fn run(mut self) {
-        let Densities { program, values } = self.densities;
-        let zero = self.simd.splat(0.0);
-        for start in (0..self.wo[0].len()).step_by(queries::<S::Vector, N>()) {
-            let mut cameras = Cameras::read(self.simd, program.symmetry, self.wo, start);
-            let wi = cameras.read_lights(self.simd, self.wi, start);
-            let features = grazing_columns(&cameras.wo);
-            let frames = program.frame_outputs(&features, values);
-            let mut local = [[zero; N]; 3];
-            let mut density = [zero; N];
-            for q in 0..N {
-                let lobe = program.lobe(&frames, &cameras, q);
-                let (direction, value) = lobe.to_local([wi[0][q], wi[1][q], wi[2][q]]);
-                density[q] = value;
-                for (column, component) in local.iter_mut().zip(direction) {
-                    column[q] = component;
-                }
-            }
-            program.encode(&features, &local, values.input());
-            let rows =
-                values.run::<Silu<Values>, Linear<Values>>(program.features, &program.hidden, &program.last);
-            let max = EXPONENT_MAX as f32;
-            for (out, row) in self.out.iter_mut().zip(rows) {
+        let two = self.densities.program.charts() == CHARTS_MAX;
+        for start in (0..self.points.len()).step_by(queries::<S::Vector, N>()) {
+            let wi = read_directions(self.simd, self.wi, start);
+            let parts = self
+                .densities
+                .parts::<S, K>(self.simd, self.points, start, wi);
+            for (k, out) in self.out.iter_mut().enumerate() {
                 for q in 0..N {
-                    let value = density[q] * exp(row[q].clamp(-max, max));
-                    write(finite_or_zero(value, cameras.validity[q]), out, start, q);
+                    let mut value = parts.charts[0][k][q];
+                    if two {
+                        value = value + parts.charts[1][k][q];
+                    }
+                    write(finite_or_zero(value, parts.validity[q]), out, start, q);
                 }
             }
         }

@@ -3,9 +3,10 @@
 //! applied before the block leaves its registers.
 
 use super::math::sigmoid;
+use super::tile::each;
 use super::vector::Vector;
 use crate::network::Dense;
-use std::marker::PhantomData;
+use crate::spec::Activation;
 
 /// Columns of a block with tangents: the value and its derivatives along two inputs.
 pub const TANGENT_COLUMNS: usize = 3;
@@ -39,7 +40,11 @@ impl<const R: usize> Rows<R> {
 
     /// One block per group: sums over `inputs`, then the activation; `out` holds the groups' rows in order.
     #[inline(always)]
-    fn run<V: Vector, C: Columns<V, N>, const N: usize>(&self, inputs: &[[V; N]], out: &mut [[V; N]]) {
+    fn run<V: Vector, C: Columns<V, N>, A: Activate, const N: usize>(
+        &self,
+        inputs: &[[V; N]],
+        out: &mut [[V; N]],
+    ) {
         let groups = self.weights.chunks_exact(inputs.len()).zip(&self.bias);
         for ((weights, bias), out) in groups.zip(out.as_chunks_mut::<R>().0) {
             let zero = inputs[0][0].splat(0.0);
@@ -62,26 +67,20 @@ impl<const R: usize> Rows<R> {
             // Whole first: a loop that picks rows out of `sums` would keep them in memory throughout.
             *out = sums;
             for row in out {
-                *row = C::finish(*row);
+                *row = C::finish::<A>(*row);
             }
         }
     }
 }
 
-/// What the columns of a block are: where the bias goes and what the activation does to them.
+/// What the columns of a block are: where the bias goes and what an activation does to them.
 pub trait Columns<V: Vector, const N: usize> {
     /// What the bias adds to each column.
     fn bias(bias: V) -> [V; N];
 
-    /// The activation.
-    fn finish(sum: [V; N]) -> [V; N];
+    /// `A` on a row.
+    fn finish<A: Activate>(sum: [V; N]) -> [V; N];
 }
-
-/// Hidden layer: SiLU.
-pub struct Silu<C>(PhantomData<C>);
-
-/// Last layer: no activation.
-pub struct Linear<C>(PhantomData<C>);
 
 /// `N` independent queries per lane.
 pub struct Values;
@@ -89,53 +88,59 @@ pub struct Values;
 /// One query per lane: its value and two tangents.
 pub struct Tangents;
 
-impl<V: Vector, const N: usize> Columns<V, N> for Linear<Values> {
+impl<V: Vector, const N: usize> Columns<V, N> for Values {
     #[inline(always)]
     fn bias(bias: V) -> [V; N] {
         [bias; N]
     }
 
     #[inline(always)]
-    fn finish(sum: [V; N]) -> [V; N] {
-        sum
-    }
-}
-
-impl<V: Vector, const N: usize> Columns<V, N> for Silu<Values> {
-    #[inline(always)]
-    fn bias(bias: V) -> [V; N] {
-        [bias; N]
-    }
-
-    #[inline(always)]
-    fn finish(mut sum: [V; N]) -> [V; N] {
+    fn finish<A: Activate>(mut sum: [V; N]) -> [V; N] {
         for value in &mut sum {
-            *value = *value * sigmoid(*value);
+            *value = A::value(*value);
         }
         sum
     }
 }
 
-impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Linear<Tangents> {
+impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Tangents {
     #[inline(always)]
     fn bias(bias: V) -> [V; TANGENT_COLUMNS] {
         [bias, bias.splat(0.0), bias.splat(0.0)]
     }
 
     #[inline(always)]
-    fn finish(sum: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
-        sum
+    fn finish<A: Activate>(sum: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
+        A::tangents(sum)
     }
 }
 
-impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Silu<Tangents> {
+/// A nonlinearity, or none.
+pub trait Activate {
+    /// On a value.
+    fn value<V: Vector>(x: V) -> V;
+
+    /// On a value and its two tangents.
+    fn tangents<V: Vector>(row: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS];
+}
+
+/// x·σ(x).
+pub struct Silu;
+
+/// max(x, 0).
+pub struct Relu;
+
+/// Nothing: last layers.
+pub struct Linear;
+
+impl Activate for Silu {
     #[inline(always)]
-    fn bias(bias: V) -> [V; TANGENT_COLUMNS] {
-        Linear::<Tangents>::bias(bias)
+    fn value<V: Vector>(x: V) -> V {
+        x * sigmoid(x)
     }
 
     #[inline(always)]
-    fn finish([x, dx, dy]: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
+    fn tangents<V: Vector>([x, dx, dy]: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
         let sigma = sigmoid(x);
         let value = x * sigma;
         // d(x·σ)/dx = σ + x·σ·(1 − σ).
@@ -144,11 +149,38 @@ impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Silu<Tangents> {
     }
 }
 
+impl Activate for Relu {
+    #[inline(always)]
+    fn value<V: Vector>(x: V) -> V {
+        x.max(x.splat(0.0))
+    }
+
+    #[inline(always)]
+    fn tangents<V: Vector>(row: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
+        let zero = row[0].splat(0.0);
+        let on = zero.less(row[0]);
+        each(row, |v| V::select(on, v, zero))
+    }
+}
+
+impl Activate for Linear {
+    #[inline(always)]
+    fn value<V: Vector>(x: V) -> V {
+        x
+    }
+
+    #[inline(always)]
+    fn tangents<V: Vector>(row: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
+        row
+    }
+}
+
 /// One dense layer, packed in groups of four rows, then two, then one.
 pub struct Layer {
     quads: Rows<4>,
     pairs: Rows<2>,
     singles: Rows<1>,
+    inputs: usize,
     outputs: usize,
 }
 
@@ -167,24 +199,36 @@ impl Layer {
             quads,
             pairs,
             singles,
+            inputs: dense.inputs,
             outputs,
         }
     }
 
-    /// Number of rows.
-    pub fn outputs(&self) -> usize {
-        self.outputs
-    }
-
-    /// Writes [`Layer::outputs`] rows from `inputs`, as many as the layer has.
+    /// Writes its rows to `out` from `inputs`, as many as it takes.
     #[inline(always)]
-    pub fn run<V: Vector, C: Columns<V, N>, const N: usize>(&self, inputs: &[[V; N]], out: &mut [[V; N]]) {
+    pub fn run<V: Vector, C: Columns<V, N>, A: Activate, const N: usize>(
+        &self,
+        inputs: &[[V; N]],
+        out: &mut [[V; N]],
+    ) {
         let (quads, rest) = out.split_at_mut(4 * self.quads.bias.len());
         let (pairs, singles) = rest.split_at_mut(2 * self.pairs.bias.len());
-        self.quads.run::<V, C, N>(inputs, quads);
-        self.pairs.run::<V, C, N>(inputs, pairs);
-        self.singles.run::<V, C, N>(inputs, singles);
+        self.quads.run::<V, C, A, N>(inputs, quads);
+        self.pairs.run::<V, C, A, N>(inputs, pairs);
+        self.singles.run::<V, C, A, N>(inputs, singles);
     }
+}
+
+/// Layers that follow each other: hidden ones with an activation, and a last one without.
+pub struct Stack {
+    /// Nonlinearity of the hidden layers.
+    pub activation: Activation,
+    /// Number of rows that enter.
+    pub inputs: usize,
+    /// Hidden layers.
+    pub hidden: Vec<Layer>,
+    /// The last layer; without it the rows of the layer before stand.
+    pub last: Option<Layer>,
 }
 
 /// Two buffers that layers write alternately.
@@ -208,22 +252,37 @@ impl<V: Vector, const N: usize> Buffers<V, N> {
         &mut self.first
     }
 
-    /// Runs `hidden` and then `last` on the first `inputs` rows of [`Buffers::input`]; the rows of `last`.
+    /// Runs `stack` on the first rows of [`Buffers::input`], as many as it takes; the rows of its last layer.
     #[inline(always)]
-    pub fn run<H: Columns<V, N>, L: Columns<V, N>>(
-        &mut self,
-        inputs: usize,
-        hidden: &[Layer],
-        last: &Layer,
-    ) -> &[[V; N]] {
+    pub fn run<C: Columns<V, N>>(&mut self, stack: &Stack) -> &[[V; N]] {
+        match stack.activation {
+            Activation::Silu => self.layers::<C, Silu>(stack),
+            Activation::Relu => self.layers::<C, Relu>(stack),
+        }
+    }
+
+    /// Runs `layer` alone on the first rows of [`Buffers::input`], as many as it takes; its rows.
+    #[inline(always)]
+    pub fn sums<C: Columns<V, N>>(&mut self, layer: &Layer) -> &[[V; N]] {
+        let out = &mut self.second[..layer.outputs];
+        layer.run::<V, C, Linear, N>(&self.first[..layer.inputs], out);
+        out
+    }
+
+    /// [`Buffers::run`] with the hidden layers' activation as a type.
+    #[inline(always)]
+    pub fn layers<C: Columns<V, N>, A: Activate>(&mut self, stack: &Stack) -> &[[V; N]] {
         let (mut from, mut to) = (&mut self.first[..], &mut self.second[..]);
-        let mut width = inputs;
-        for layer in hidden {
-            layer.run::<V, H, N>(&from[..width], &mut to[..layer.outputs]);
+        let mut width = stack.inputs;
+        for layer in &stack.hidden {
+            layer.run::<V, C, A, N>(&from[..width], &mut to[..layer.outputs]);
             width = layer.outputs;
             std::mem::swap(&mut from, &mut to);
         }
-        last.run::<V, L, N>(&from[..width], &mut to[..last.outputs]);
+        let Some(last) = &stack.last else {
+            return &from[..width];
+        };
+        last.run::<V, C, Linear, N>(&from[..width], &mut to[..last.outputs]);
         &to[..last.outputs]
     }
 }

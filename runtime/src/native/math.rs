@@ -4,7 +4,7 @@
 //! series are Taylor's, long enough for f32 over their ranges.
 
 use super::vector::{ROUND, Vector};
-use std::f32::consts::{LN_2, LOG2_E};
+use std::f32::consts::{FRAC_PI_4, LN_2, LOG2_E, PI, SQRT_2};
 
 /// 2^f − 1 on `[−½, ½]`: coefficients of f, f², …, f⁶. Relative error of 2^f: 2.1e-8, an f32 rounding below.
 const EXP2: [f32; 6] = [
@@ -25,13 +25,19 @@ const LN_2_HIGH: f32 = 2839.0 / 4096.0;
 /// ln 2 − [`LN_2_HIGH`].
 const LN_2_LOW: f32 = (std::f64::consts::LN_2 - LN_2_HIGH as f64) as f32;
 
-/// 2^t for |t| ≤ 126, where `rounded` = round(t) + [`ROUND`] and `fraction` = t − round(t).
+/// (2^f − 1)/f for |f| ≤ ½.
 #[inline(always)]
-fn exp2_parts<V: Vector>(rounded: V, fraction: V) -> V {
+fn exp2_series<V: Vector>(fraction: V) -> V {
     let [c1, c2, c3, c4, c5, c6] = EXP2;
     let series = fraction.splat(c6).mul_add_const(fraction, c5);
     let series = series.mul_add_const(fraction, c4).mul_add_const(fraction, c3);
-    let series = series.mul_add_const(fraction, c2).mul_add_const(fraction, c1);
+    series.mul_add_const(fraction, c2).mul_add_const(fraction, c1)
+}
+
+/// 2^t for |t| ≤ 126, where `rounded` = round(t) + [`ROUND`] and `fraction` = t − round(t).
+#[inline(always)]
+fn exp2_parts<V: Vector>(rounded: V, fraction: V) -> V {
+    let series = exp2_series(fraction);
     series.mul_add_const(fraction, 1.0).scale_exponent(rounded)
 }
 
@@ -85,6 +91,56 @@ pub fn sin_cos<V: Vector>(x: V) -> (V, V) {
     )
 }
 
+/// (sin πx, cos πx) for |x| < 2²², within 3e-7 absolutely; the argument is reduced exactly.
+#[inline(always)]
+pub fn half_turns<V: Vector>(x: V) -> (V, V) {
+    let one = x.splat(1.0);
+    // To [−1, 1], then to an eighth of a turn on either side of a whole number of quarters.
+    let turns = x.mul_add_const(x.splat(0.5), ROUND) - x.splat(ROUND);
+    let r = x - (turns + turns);
+    let quarters = (r + r + x.splat(ROUND)) - x.splat(ROUND);
+    let (sin, cos) = sin_cos((r - quarters * x.splat(0.5)) * x.splat(PI));
+    // Quarters are −2…2: odd ones swap the two, and signs follow from 1, ±1 or 1 − |±2|.
+    let size = quarters.abs();
+    let odd = (size - one).abs().less(x.splat(0.5));
+    let even_sign = one - size;
+    let sin_sign = V::select(odd, quarters, even_sign);
+    let cos_sign = V::select(odd, -quarters, even_sign);
+    (
+        sin_sign * V::select(odd, cos, sin),
+        cos_sign * V::select(odd, sin, cos),
+    )
+}
+
+/// 1 − e⁻ˣ for |x| ≤ [`EXP_MAX`], within 6 ULP: what [`exp`] would lose next to 0 stays.
+#[inline(always)]
+pub fn decay<V: Vector>(x: V) -> V {
+    let x = -x;
+    let rounded = x.mul_add_const(x.splat(LOG2_E), ROUND);
+    let n = rounded - x.splat(ROUND);
+    let rest = n.mul_add(x.splat(-LN_2_HIGH), x);
+    let rest = n.mul_add(x.splat(-LN_2_LOW), rest);
+    let fraction = rest * x.splat(LOG2_E);
+    let power = x.splat(1.0).scale_exponent(rounded);
+    // 1 − 2ⁿ·(1 + (2^f − 1)), n = 0 next to x = 0.
+    (-power).mul_add(fraction * exp2_series(fraction), x.splat(1.0) - power)
+}
+
+/// atan x for x in `[0, 1]`, within 4 ULP.
+#[inline(always)]
+pub fn atan<V: Vector>(x: V) -> V {
+    let one = x.splat(1.0);
+    // Beyond tan π/8 the angle to π/4 is the smaller one; the series is Taylor's up to x¹⁵.
+    let far = x.splat(SQRT_2 - 1.0).less(x);
+    let y = V::select(far, (x - one) / (x + one), x);
+    let y2 = y * y;
+    let series = y2.splat(-1.0 / 15.0).mul_add_const(y2, 1.0 / 13.0);
+    let series = series.mul_add_const(y2, -1.0 / 11.0).mul_add_const(y2, 1.0 / 9.0);
+    let series = series.mul_add_const(y2, -1.0 / 7.0).mul_add_const(y2, 1.0 / 5.0);
+    let angle = (y * y2).mul_add(series.mul_add_const(y2, -1.0 / 3.0), y);
+    V::select(far, angle + x.splat(FRAC_PI_4), angle)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,6 +154,12 @@ mod tests {
     const LN_ULPS: f64 = 3.0;
     /// Stated bound of [`sin_cos`]: one rounding of a small correction and one of the sum.
     const SIN_COS_ULPS: f64 = 2.0;
+    /// Stated bound of [`half_turns`]: the product with π is rounded, then as [`sin_cos`].
+    const HALF_TURNS_TOL: f64 = 3e-7;
+    /// Stated bound of [`decay`]: 1 − 2ⁿ is up to twice the result, and the series' part is rounded thrice.
+    const DECAY_ULPS: f64 = 6.0;
+    /// Stated bound of [`atan`]: a quotient, a series and a sum.
+    const ATAN_ULPS: f64 = 4.0;
     /// Stated bound of [`sigmoid`]: some roundings of numbers up to 1.
     const SIGMOID_TOL: f64 = 3e-7;
     /// Stated bound of [`Vector::reciprocal`].
@@ -161,6 +223,25 @@ mod tests {
             "cos",
             worst(simd, |x| sin_cos(x).1, f64::cos, &quarter).0,
             SIN_COS_ULPS,
+        );
+        let turned = |x: f64| std::f64::consts::PI * (x - 2.0 * (0.5 * x).round());
+        for range in [1.0, 40.0, 4e6] {
+            let [sin, cos] = [
+                worst(simd, |x| half_turns(x).0, |x| turned(x).sin(), symmetric(range)).1,
+                worst(simd, |x| half_turns(x).1, |x| turned(x).cos(), symmetric(range)).1,
+            ];
+            within("sin of half turns", sin, HALF_TURNS_TOL);
+            within("cos of half turns", cos, HALF_TURNS_TOL);
+        }
+        for range in [1e-3, 1.0, f64::from(EXP_MAX)] {
+            let error = worst(simd, decay, |x| -(-x).exp_m1(), symmetric(range)).0;
+            within("decay", error, DECAY_ULPS);
+        }
+        within("atan", worst(simd, atan, f64::atan, |t| t).0, ATAN_ULPS);
+        within(
+            "atan near 0",
+            worst(simd, atan, f64::atan, |t| (-60.0 * t).exp2()).0,
+            ATAN_ULPS,
         );
         let logistic = |x: f64| 1.0 / (1.0 + (-x).exp());
         within(

@@ -5,8 +5,27 @@
 //! buffers that stay in the first-level cache. Results do not depend on how queries are batched.
 
 pub(crate) mod arch;
+mod chart;
+mod density;
+mod encode;
+mod head;
+mod invert;
+mod kernel;
 pub(crate) mod math;
+mod place;
+mod program;
+mod runner;
+mod sample;
+mod shift;
+mod square;
+mod tile;
 pub(crate) mod vector;
+
+use crate::backend::{Backend, BakedMaterial, Points, check_lengths};
+use crate::error::{Error, Result};
+use arch::scalar::Scalar;
+pub use invert::Inversions;
+use runner::{Run, Runner};
 
 /// A set of instructions that the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,4 +70,147 @@ impl Tier {
             Tier::Avx512 => "avx512",
         }
     }
+}
+
+/// The networks of one material, packed for a tier, with the buffers they run in: no call allocates.
+pub struct NativeBackend {
+    runner: Box<dyn Run>,
+    /// Number of free parameters.
+    free: usize,
+}
+
+impl NativeBackend {
+    /// Packs `material` for `tier`.
+    ///
+    /// # Errors
+    /// [`Error::Tier`] when the processor lacks `tier`, [`Error::Network`] when a network's weights contradict
+    /// its specification, or the networks each other.
+    pub fn new(material: &BakedMaterial, tier: Tier) -> Result<NativeBackend> {
+        // The number is that of vectors per tile: with four output rows the sums stay in the tier's registers.
+        let runner: Box<dyn Run> = match tier {
+            Tier::Scalar => Box::new(Runner::<Scalar, 4>::new(material, Scalar)?),
+            #[cfg(target_arch = "x86_64")]
+            Tier::Avx2 => {
+                let simd = arch::avx2::Avx2::new().ok_or(Error::Tier(tier.name()))?;
+                Box::new(Runner::<_, 2>::new(material, simd)?)
+            }
+            #[cfg(target_arch = "x86_64")]
+            Tier::Avx512 => {
+                let simd = arch::avx512::Avx512::new().ok_or(Error::Tier(tier.name()))?;
+                Box::new(Runner::<_, 4>::new(material, simd)?)
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            Tier::Avx2 | Tier::Avx512 => return Err(Error::Tier(tier.name())),
+        };
+        Ok(NativeBackend {
+            free: material.sample.spec.material.free().len(),
+            runner,
+        })
+    }
+
+    /// The density of what [`Backend::sample_jacobian`] draws at `wi`, sr⁻¹, by inverting the map: with one chart the
+    /// reciprocal of its Jacobian, with two the mixture of both by their shares.
+    ///
+    /// Where the map folds it is the density of one of its branches, and where Newton's method does not converge that of
+    /// the frame alone; the result counts these. Zero where a direction is not finite or not above the horizon.
+    ///
+    /// # Errors
+    /// [`Error::BatchLength`] when slices differ in length, [`Error::Query`] for a network on the disk, whose map need not
+    /// be one to one.
+    pub fn exact_pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<Inversions> {
+        points.check(self.free)?;
+        check_lengths(points.len(), &lengths("wi", &wi))?;
+        check_lengths(points.len(), &[("pdf", pdf.len())])?;
+        match self.runner.exact_pdf(points, wi, pdf) {
+            Some(inversions) => Ok(inversions),
+            None => Err(Error::query(
+                "exact_pdf",
+                "the sampling network draws on the disk, and only maps of charts can be inverted; use `pdf`",
+            )),
+        }
+    }
+
+    /// `wi`, and the signed `jacobian` (sr) that makes `f_cos · jacobian` an unbiased weight. With two charts it is that of
+    /// the drawn one times its part of [`NativeBackend::exact_pdf`]: the balance heuristic (Veach and Guibas 1995) for the
+    /// densities themselves, where [`Backend::sample_jacobian`] takes learned ones. With fewer the two are the same, and
+    /// nothing is inverted.
+    ///
+    /// # Errors
+    /// [`Error::BatchLength`] when slices differ in length.
+    pub fn sample_mixture(
+        &mut self,
+        points: Points,
+        u: [&[f32]; 2],
+        wi: [&mut [f32]; 3],
+        jacobian: &mut [f32],
+    ) -> Result<Inversions> {
+        self.check_jacobian(&points, &u, &wi, jacobian)?;
+        Ok(self.runner.sample_mixture(points, u, wi, jacobian))
+    }
+
+    fn check_jacobian(
+        &self,
+        points: &Points,
+        u: &[&[f32]; 2],
+        wi: &[&mut [f32]; 3],
+        jacobian: &[f32],
+    ) -> Result<()> {
+        points.check(self.free)?;
+        check_lengths(points.len(), &lengths("u", u))?;
+        check_lengths(points.len(), &lengths("wi", wi))?;
+        check_lengths(points.len(), &[("jacobian", jacobian.len())])
+    }
+}
+
+impl Backend for NativeBackend {
+    fn sample_learned(
+        &mut self,
+        points: Points,
+        u: [&[f32]; 2],
+        wi: [&mut [f32]; 3],
+        weight: [&mut [f32]; 3],
+    ) -> Result<()> {
+        points.check(self.free)?;
+        check_lengths(points.len(), &lengths("u", &u))?;
+        check_lengths(points.len(), &lengths("wi", &wi))?;
+        check_lengths(points.len(), &lengths("weight", &weight))?;
+        self.runner.sample_learned(points, u, wi, weight);
+        Ok(())
+    }
+
+    fn sample_jacobian(
+        &mut self,
+        points: Points,
+        u: [&[f32]; 2],
+        wi: [&mut [f32]; 3],
+        jacobian: &mut [f32],
+    ) -> Result<()> {
+        self.check_jacobian(&points, &u, &wi, jacobian)?;
+        self.runner.sample_jacobian(points, u, wi, jacobian);
+        Ok(())
+    }
+
+    fn eval(&mut self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()> {
+        points.check(self.free)?;
+        check_lengths(points.len(), &lengths("wi", &wi))?;
+        check_lengths(points.len(), &lengths("f_cos", &f_cos))?;
+        self.runner.eval(points, wi, f_cos);
+        Ok(())
+    }
+
+    fn pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
+        points.check(self.free)?;
+        check_lengths(points.len(), &lengths("wi", &wi))?;
+        check_lengths(points.len(), &[("pdf", pdf.len())])?;
+        self.runner.pdf(points, wi, pdf);
+        Ok(())
+    }
+}
+
+/// The lengths of the components of the argument `name`.
+fn lengths<T: AsRef<[f32]>, const K: usize>(
+    name: &'static str,
+    slices: &[T; K],
+) -> [(&'static str, usize); K] {
+    std::array::from_fn(|i| (name, slices[i].as_ref().len()))
 }

@@ -1,28 +1,32 @@
-//! Sampling queries: (wo, u) ↦ wi with the learned weight, or with the signed Jacobian determinant.
+//! Sampling queries: (parameters, wo, u) ↦ wi with the learned weight, or with the signed Jacobian determinant.
 
-use super::kernel::{Buffers, Columns, Layer, Linear, Silu, TANGENT_COLUMNS, Tangents, Values};
-use super::lobe::{Lobe, square_to_hemisphere};
+use super::density::Densities;
+use super::head::{Head, disk_direction};
+use super::invert::Inversions;
+use super::kernel::{Buffers, Values};
 use super::math::exp;
-use super::program::{Program, grazing_columns};
-use super::tile::{Cameras, Column, finite_or_zero, queries, read, write};
+use super::place::Place;
+use super::program::Program;
+use super::shift::Shift;
+use super::square::square_to_hemisphere;
+use super::tile::{Column, finite_or_zero, is_finite, queries, read, write};
 use super::vector::{Simd, Task, Vector};
+use crate::backend::Points;
 use crate::error::Result;
-use crate::frame::FRAME_OUTPUTS;
 use crate::network::Network;
-use crate::spec::{EXPONENT_MAX, Role, U_MIN, WARP_SHIFT_MAX};
+use crate::spec::{CHARTS_MAX, EXPONENT_MAX, Role, U_MIN};
 
 /// The largest u that a warp head uses: the last f32 below 1.
 const U_MAX: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// A sampling network and the buffers it runs in.
 pub struct Sampler<V, const N: usize> {
-    program: Program,
-    /// The last layer's rows of the warp alone: without the weight, which needs no tangents.
-    shift: Layer,
-    /// See [`Program::first_slopes`].
-    slopes: Vec<[f32; 2]>,
-    values: Buffers<V, N>,
-    tangents: Buffers<V, TANGENT_COLUMNS>,
+    /// The network.
+    pub program: Program,
+    /// Its position with derivatives.
+    pub shift: Shift<V>,
+    /// Inputs, and what layers make of them.
+    pub values: Buffers<V, N>,
 }
 
 impl<V: Vector, const N: usize> Sampler<V, N> {
@@ -32,126 +36,117 @@ impl<V: Vector, const N: usize> Sampler<V, N> {
     /// Those of [`Program::new`].
     pub fn new(network: &Network, zero: V) -> Result<Self> {
         let program = Program::new(network, Role::Sample)?;
-        let last = network.net.last().expect("a checked network has layers");
-        let slopes = program.first_slopes(&network.net[0]);
-        let (values, tangents) = (
-            Buffers::new(program.width, zero),
-            Buffers::new(program.width, zero),
-        );
         Ok(Sampler {
-            shift: Layer::first_rows(last, 2),
-            slopes,
-            values,
-            tangents,
+            shift: Shift::new(network, &program, zero),
+            values: Buffers::new(program.width, zero),
             program,
         })
     }
-}
 
-/// Where the lights of one tile go.
-struct Tile<V, const N: usize> {
-    cameras: Cameras<V, N>,
-    u: [Column<V, N>; 2],
-    frames: [Column<V, N>; FRAME_OUTPUTS],
-}
-
-impl<V: Vector, const N: usize> Tile<V, N> {
-    /// Reads a tile, runs the frame network and leaves the network's features in `sampler.values`.
+    /// Reads the tile that begins at `start`, runs the frame network, draws charts and leaves the network's features in
+    /// `values`.
     #[inline(always)]
-    fn read<S: Simd<Vector = V>>(
+    fn draw<'a, S: Simd<Vector = V>>(
+        &mut self,
         simd: S,
-        sampler: &mut Sampler<V, N>,
-        wo: [&[f32]; 3],
+        points: Points<'a>,
         u: [&[f32]; 2],
         start: usize,
-    ) -> Self {
-        let program = &sampler.program;
-        let cameras = Cameras::read(simd, program.symmetry, wo, start);
-        let mut u: [Column<V, N>; 2] = [read(simd, u[0], start), read(simd, u[1], start)];
-        for column in &mut u {
+    ) -> Draw<'a, V, N> {
+        let place = Place::read(simd, &self.program, points, start, &mut self.values);
+        let one = simd.splat(1.0);
+        let mut draw = Draw {
+            place,
+            u: [read(simd, u[0], start), read(simd, u[1], start)],
+            chart: [one; N],
+            share: [one; N],
+        };
+        for column in &mut draw.u {
             for value in column {
                 *value = value.clamp(U_MIN as f32, U_MAX);
             }
         }
-        let features = grazing_columns(&cameras.wo);
-        let frames = program.frame_outputs(&features, &mut sampler.values);
-        program.encode(&features, &u, sampler.values.input());
-        Tile { cameras, u, frames }
-    }
-
-    /// Writes `wi` of vector `q` from the warp; returns π·det A/(n³·z) and the query's validity.
-    #[inline(always)]
-    fn write_light(
-        &self,
-        program: &Program,
-        warp: &[Warp<V>; 2],
-        wi: &mut [&mut [f32]; 3],
-        start: usize,
-        q: usize,
-    ) -> (V, V) {
-        let lobe: Lobe<V> = program.lobe(&self.frames, &self.cameras, q);
-        let [wx, wy] = warp;
-        let local = square_to_hemisphere([wx.h, wy.h], [wx.complement, wy.complement]);
-        let ([x, y, z], area) = lobe.to_direction(local);
-        // A direction that is not finite, of a `wo` far from unit length, is no direction.
-        let validity = self.cameras.validity[q] + x.abs() + y.abs() + z;
-        let one = z.splat(1.0);
-        write(
-            finite_or_zero(self.cameras.signs[0][q] * x, validity),
-            wi[0],
-            start,
-            q,
-        );
-        write(
-            finite_or_zero(self.cameras.signs[1][q] * y, validity),
-            wi[1],
-            start,
-            q,
-        );
-        // Where it is not valid the height is 1, not 0.
-        write(
-            V::select(validity.less(z.splat(f32::INFINITY)), z, one),
-            wi[2],
-            start,
-            q,
-        );
-        (area, validity)
+        if self.program.charts() == CHARTS_MAX {
+            let edge = U_MIN as f32;
+            for q in 0..N {
+                let (share, u) = (draw.place.share(q), draw.u[0][q]);
+                let other = one - share;
+                let first = u.less(share);
+                draw.chart[q] = V::select(first, one, -one);
+                draw.share[q] = V::select(first, share, other);
+                let into = V::select(first, u, u - share);
+                draw.u[0][q] = (into / draw.share[q]).clamp(edge, 1.0 - edge);
+            }
+        }
+        let mut scalars = draw.place.scalars();
+        scalars.u = &draw.u;
+        scalars.chart = std::slice::from_ref(&draw.chart);
+        scalars.encode(simd, &self.program.inputs, self.values.input());
+        draw
     }
 }
 
-/// One coordinate of the warp head, h = u/(u + (1 − u)·e⁻ᵍ).
-struct Warp<V> {
-    /// Position in the frame's square.
-    h: V,
-    /// 1 − h, with its own relative precision.
-    complement: V,
-    u: V,
-    g: V,
+/// What was drawn in one tile before the network said where it lies.
+struct Draw<'a, V, const N: usize> {
+    place: Place<'a, V, N>,
+    /// In the drawn chart.
+    u: [Column<V, N>; 2],
+    /// 1 where the first chart was drawn, −1 where the second.
+    chart: Column<V, N>,
+    /// The drawn chart's share.
+    share: Column<V, N>,
 }
 
-impl<V: Vector> Warp<V> {
-    /// The head on the output `g`.
+/// A light of one vector of queries.
+struct Light<V> {
+    /// Unit direction, not folded; (0, 0, 1) where it is not valid.
+    wi: [V; 3],
+    /// dω/dh over the share of the drawn chart, sr.
+    area: V,
+    /// Finite in valid queries.
+    validity: V,
+}
+
+impl<V: Vector, const N: usize> Draw<'_, V, N> {
+    /// The head on the outputs `g` of vector `q`.
     #[inline(always)]
-    fn new(u: V, g: V) -> Self {
-        let max = WARP_SHIFT_MAX as f32;
-        let rest = (u.splat(1.0) - u) * exp(-g.clamp(-max, max));
-        let sum = u + rest;
-        Warp {
-            h: u / sum,
-            complement: rest / sum,
-            u,
-            g,
+    fn heads(&self, program: &Program, g: [V; 2], q: usize) -> [Head<V>; 2] {
+        match program.frames {
+            Some(_) => [Head::new(self.u[0][q], g[0]), Head::new(self.u[1][q], g[1])],
+            None => [Head::on_disk(g[0]), Head::on_disk(g[1])],
         }
     }
 
-    /// (∂h/∂g, ∂h/∂u at fixed g); the first is 0 where g is clamped.
+    /// Where the light of vector `q` is.
     #[inline(always)]
-    fn slopes(&self) -> (V, V) {
-        let zero = self.u.splat(0.0);
-        let product = self.h * self.complement;
-        let inside = self.g.abs().less(self.u.splat(WARP_SHIFT_MAX as f32));
-        let direct = product / (self.u * (self.u.splat(1.0) - self.u));
-        (V::select(inside, product, zero), direct)
+    fn light(&self, program: &Program, heads: &[Head<V>; 2], q: usize) -> Light<V> {
+        let zero = self.chart[q].splat(0.0);
+        let (w, area) = match &program.frames {
+            Some(frames) => {
+                let [x, y] = heads;
+                let local = square_to_hemisphere([x.h, y.h], [x.complement, y.complement]);
+                if frames.charts() == CHARTS_MAX {
+                    let first = zero.less(self.chart[q]);
+                    let (w, area) = self.place.drawn_chart(frames, first, q).to_direction(local);
+                    (w, area / self.share[q])
+                } else {
+                    self.place.chart(frames, 0, q).to_direction(local)
+                }
+            }
+            None => disk_direction(heads),
+        };
+        let [x, y, z] = self.place.cameras.unfold(w, q);
+        // A direction that is not finite, of a `wo` far from unit length, is no direction.
+        let validity = self.place.cameras.validity[q] + x.abs() + y.abs() + z;
+        Light {
+            wi: [
+                finite_or_zero(x, validity),
+                finite_or_zero(y, validity),
+                V::select(is_finite(validity), z, z.splat(1.0)),
+            ],
+            area,
+            validity,
+        }
     }
 }
 
@@ -159,7 +154,7 @@ impl<V: Vector> Warp<V> {
 pub struct Learned<'a, S: Simd, const N: usize> {
     pub simd: S,
     pub sampler: &'a mut Sampler<S::Vector, N>,
-    pub wo: [&'a [f32]; 3],
+    pub points: Points<'a>,
     pub u: [&'a [f32]; 2],
     pub wi: [&'a mut [f32]; 3],
     pub weight: [&'a mut [f32]; 3],
@@ -168,32 +163,42 @@ pub struct Learned<'a, S: Simd, const N: usize> {
 impl<S: Simd, const N: usize> Task for Learned<'_, S, N> {
     #[inline(always)]
     fn run(mut self) {
-        for start in (0..self.wo[0].len()).step_by(queries::<S::Vector, N>()) {
-            let tile = Tile::read(self.simd, self.sampler, self.wo, self.u, start);
+        for start in (0..self.points.len()).step_by(queries::<S::Vector, N>()) {
+            let draw = self.sampler.draw(self.simd, self.points, self.u, start);
             let Sampler { program, values, .. } = &mut *self.sampler;
-            let out =
-                values.run::<Silu<Values>, Linear<Values>>(program.features, &program.hidden, &program.last);
+            let out = values.run::<Values>(&program.net);
             for q in 0..N {
-                let warp = [
-                    Warp::new(tile.u[0][q], out[0][q]),
-                    Warp::new(tile.u[1][q], out[1][q]),
-                ];
-                let (_, validity) = tile.write_light(program, &warp, &mut self.wi, start, q);
+                let heads = draw.heads(program, [out[0][q], out[1][q]], q);
+                let light = draw.light(program, &heads, q);
+                for (component, out) in light.wi.into_iter().zip(&mut self.wi) {
+                    write(component, out, start, q);
+                }
                 for (weight, exponent) in self.weight.iter_mut().zip(&out[2..]) {
                     let max = EXPONENT_MAX as f32;
                     let value = exp(exponent[q].clamp(-max, max));
-                    write(finite_or_zero(value, validity), weight, start, q);
+                    write(finite_or_zero(value, light.validity), weight, start, q);
                 }
             }
         }
     }
 }
 
+/// Where the weights come from by which several charts share what all of them could have drawn.
+pub enum Partition<'a, V, const N: usize> {
+    /// There is one chart.
+    None,
+    /// Densities of the pdf network.
+    Learned(&'a mut Densities<V, N>),
+    /// Densities by inversion of the map, which are counted.
+    Exact(&'a mut Inversions),
+}
+
 /// The exact estimators on a batch.
 pub struct Jacobian<'a, S: Simd, const N: usize> {
     pub simd: S,
     pub sampler: &'a mut Sampler<S::Vector, N>,
-    pub wo: [&'a [f32]; 3],
+    pub partition: Partition<'a, S::Vector, N>,
+    pub points: Points<'a>,
     pub u: [&'a [f32]; 2],
     pub wi: [&'a mut [f32]; 3],
     pub jacobian: &'a mut [f32],
@@ -202,42 +207,59 @@ pub struct Jacobian<'a, S: Simd, const N: usize> {
 impl<S: Simd, const N: usize> Task for Jacobian<'_, S, N> {
     #[inline(always)]
     fn run(mut self) {
-        for start in (0..self.wo[0].len()).step_by(queries::<S::Vector, N>()) {
-            let tile = Tile::read(self.simd, self.sampler, self.wo, self.u, start);
+        let zero = self.simd.splat(0.0);
+        for start in (0..self.points.len()).step_by(queries::<S::Vector, N>()) {
+            let mut draw = self.sampler.draw(self.simd, self.points, self.u, start);
             let Sampler {
                 program,
                 shift,
-                slopes,
                 values,
-                tangents,
             } = &mut *self.sampler;
-            // Only the value enters the first layer; its tangents are constants.
-            let first = program.hidden.first().unwrap_or(shift);
-            let sums = values.run::<Linear<Values>, Linear<Values>>(program.features, &[], first);
+            let (mut wi, mut jacobian, mut validity) = ([[zero; N]; 3], [zero; N], [zero; N]);
+            let sums = values.sums::<Values>(&shift.first);
             for q in 0..N {
-                let entered = sums.iter().zip(&*slopes).zip(tangents.input());
-                let out = match program.hidden.split_first() {
-                    Some((_, rest)) => {
-                        for ((sum, &[dx, dy]), row) in entered {
-                            let x = sum[q];
-                            *row = Silu::<Tangents>::finish([x, x.splat(dx), x.splat(dy)]);
-                        }
-                        tangents.run::<Silu<Tangents>, Linear<Tangents>>(first.outputs(), rest, shift)
-                    }
-                    None => {
-                        for ((sum, &[dx, dy]), row) in entered {
-                            *row = [sum[q], sum[q].splat(dx), sum[q].splat(dy)];
-                        }
-                        tangents.input()
-                    }
+                let u = [draw.u[0][q], draw.u[1][q]];
+                let [[gx, xx, xy], [gy, yx, yy]] = shift.after(sums, q, u);
+                let heads = draw.heads(program, [gx, gy], q);
+                let light = draw.light(program, &heads, q);
+                let (shift_x, shift_y) = (heads[0].by_shift(), heads[1].by_shift());
+                let (direct_x, direct_y) = match program.frames {
+                    Some(_) => (heads[0].by_u(), heads[1].by_u()),
+                    None => (zero, zero),
                 };
-                let ([gx, xx, xy], [gy, yx, yy]) = (out[0], out[1]);
-                let warp = [Warp::new(tile.u[0][q], gx), Warp::new(tile.u[1][q], gy)];
-                let (area, validity) = tile.write_light(program, &warp, &mut self.wi, start, q);
-                let ((shift_x, direct_x), (shift_y, direct_y)) = (warp[0].slopes(), warp[1].slopes());
                 let diagonal = shift_x.mul_add(xx, direct_x) * shift_y.mul_add(yy, direct_y);
                 let det = diagonal - shift_x * xy * (shift_y * yx);
-                write(finite_or_zero(det * area, validity), self.jacobian, start, q);
+                jacobian[q] = det * light.area;
+                validity[q] = light.validity;
+                for (column, component) in wi.iter_mut().zip(light.wi) {
+                    column[q] = component;
+                }
+            }
+            for q in 0..N {
+                for (column, out) in wi.iter().zip(&mut self.wi) {
+                    write(column[q], out, start, q);
+                }
+            }
+            let parts = match &mut self.partition {
+                Partition::None => None,
+                Partition::Learned(pdf) => {
+                    let parts = pdf.parts::<S, 1>(self.simd, self.points, start, wi);
+                    let [[first], [second]] = parts.charts;
+                    Some([first, second])
+                }
+                Partition::Exact(inversions) => {
+                    draw.place.cameras.fold_lights(&mut wi);
+                    Some(self.sampler.invert(self.simd, &draw.place, &wi, inversions))
+                }
+            };
+            for q in 0..N {
+                let mut value = jacobian[q];
+                if let Some([first, second]) = &parts {
+                    let is_first = zero.less(draw.chart[q]);
+                    let drawn = Vector::select(is_first, first[q], second[q]);
+                    value = value * (drawn / (first[q] + second[q]));
+                }
+                write(finite_or_zero(value, validity[q]), self.jacobian, start, q);
             }
         }
     }

@@ -1,9 +1,10 @@
 //! Questions to a baked material, answered by its networks.
 
 use super::{Answer, Ask, DEFAULT_SAMPLES, Row};
-use crate::backend::{Backend, BakedMaterial};
+use crate::backend::{Backend, BakedMaterial, Points};
 use crate::bsdf::{shifted_r2, usable};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::material::Material;
 use crate::moments::Moments;
 use crate::native::{NativeBackend, Tier};
 use crate::random::Rng;
@@ -42,20 +43,34 @@ impl Baked {
     /// Answers as [`super::Subject::answer`] does: `f_cos` of the evaluation network, the density of the pdf network,
     /// the learned weight of a sample beside its Jacobian, the mean learned weight as albedo.
     pub(super) fn answer(&self, row: &Row, seed: u64) -> Result<Answer> {
-        self.material
-            .sample
-            .spec
-            .material
-            .narrowed(row.params.clone(), Path::new(""))?;
+        let own = &self.material.sample.spec.material;
+        let params = free_values(own, &own.narrowed(row.params.clone(), Path::new(""))?)?;
         let waiting = self.idle.lock().unwrap_or_else(|e| e.into_inner()).pop();
         let mut backend = match waiting {
             Some(backend) => backend,
             None => NativeBackend::new(&self.material, Tier::best())?,
         };
-        let answer = ask(&mut backend, row, seed);
+        let params: Vec<&[f32]> = params.iter().map(std::slice::from_ref).collect();
+        let answer = ask(&mut backend, &params, row, seed);
         self.idle.lock().unwrap_or_else(|e| e.into_inner()).push(backend);
         answer
     }
+}
+
+/// The values in `narrowed` of what `material` leaves free.
+fn free_values(material: &Material, narrowed: &Material) -> Result<Vec<f32>> {
+    let mut values = Vec::new();
+    for ((name, setting), (_, given)) in material.parameters.iter().zip(&narrowed.parameters) {
+        for (i, (own, given)) in setting.scalars().iter().zip(given.scalars()).enumerate() {
+            if own.range().is_some() {
+                let value = given
+                    .fixed()
+                    .map_err(|reason| Error::parameter(setting.label(name, i), reason))?;
+                values.push(value as f32);
+            }
+        }
+    }
+    Ok(values)
 }
 
 /// A structure of arrays of one direction.
@@ -71,16 +86,19 @@ fn narrow(u: [Real; 2]) -> [f32; 2] {
     u.map(|v| (v as f32).min(U_LARGEST))
 }
 
-fn ask(backend: &mut dyn Backend, row: &Row, seed: u64) -> Result<Answer> {
+fn ask(backend: &mut dyn Backend, params: &[&[f32]], row: &Row, seed: u64) -> Result<Answer> {
     let wo = column(row.wo);
-    let wo = wo.each_ref().map(|c| c.as_slice());
+    let points = Points {
+        params,
+        wo: wo.each_ref().map(|c| c.as_slice()),
+    };
     let (mut rgb, mut pdf) = ([[0.0; 1]; 3], [0.0; 1]);
     match row.ask {
         Ask::Eval { wi } => {
             let wi = column(wi);
             let wi = wi.each_ref().map(|c| c.as_slice());
-            backend.eval(wo, wi, rgb.each_mut().map(|c| c.as_mut_slice()))?;
-            backend.pdf(wo, wi, &mut pdf)?;
+            backend.eval(points, wi, rgb.each_mut().map(|c| c.as_mut_slice()))?;
+            backend.pdf(points, wi, &mut pdf)?;
             Ok(Answer::Eval {
                 f_cos: row_of(rgb),
                 se: [0.0; 3],
@@ -97,14 +115,14 @@ fn ask(backend: &mut dyn Backend, row: &Row, seed: u64) -> Result<Answer> {
             let u = narrow(u).map(|v| [v]);
             let u = u.each_ref().map(|c| c.as_slice());
             let (mut wi, mut jacobian) = ([[0.0; 1]; 3], [0.0; 1]);
-            backend.sample_jacobian(wo, u, wi.each_mut().map(|c| c.as_mut_slice()), &mut jacobian)?;
+            backend.sample_jacobian(points, u, wi.each_mut().map(|c| c.as_mut_slice()), &mut jacobian)?;
             backend.sample_learned(
-                wo,
+                points,
                 u,
                 wi.each_mut().map(|c| c.as_mut_slice()),
                 rgb.each_mut().map(|c| c.as_mut_slice()),
             )?;
-            backend.pdf(wo, wi.each_ref().map(|c| c.as_slice()), &mut pdf)?;
+            backend.pdf(points, wi.each_ref().map(|c| c.as_slice()), &mut pdf)?;
             Ok(Answer::Sample {
                 wi: Some(row_of(wi)),
                 weight: row_of(rgb),
@@ -112,17 +130,21 @@ fn ask(backend: &mut dyn Backend, row: &Row, seed: u64) -> Result<Answer> {
                 jacobian: Some(jacobian[0].into()),
             })
         }
-        Ask::Albedo => albedo(backend, row, seed),
+        Ask::Albedo => albedo(backend, params, row, seed),
     }
 }
 
 /// The mean learned weight over an R2 sequence under random shifts.
-fn albedo(backend: &mut dyn Backend, row: &Row, seed: u64) -> Result<Answer> {
+fn albedo(backend: &mut dyn Backend, params: &[&[f32]], row: &Row, seed: u64) -> Result<Answer> {
     let each = row.samples.unwrap_or(DEFAULT_SAMPLES).div_ceil(REPLICATES) as usize;
     let wo = row.wo.to_array().map(|v| vec![v as f32; each]);
     let (mut x, mut y) = (vec![0.0; each], vec![0.0; each]);
     let mut wi: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; each]);
     let mut weight = wi.clone();
+    let points = Points {
+        params,
+        wo: wo.each_ref().map(|c| c.as_slice()),
+    };
     let mut replicates = Moments::default();
     for replicate in 0..REPLICATES {
         let shift = Rng::new(&[ALBEDO_KEY, seed, replicate]).pair();
@@ -130,7 +152,7 @@ fn albedo(backend: &mut dyn Backend, row: &Row, seed: u64) -> Result<Answer> {
             [*a, *b] = narrow(shifted_r2(i as u64, shift));
         }
         backend.sample_learned(
-            wo.each_ref().map(|c| c.as_slice()),
+            points,
             [&x, &y],
             wi.each_mut().map(|c| c.as_mut_slice()),
             weight.each_mut().map(|c| c.as_mut_slice()),

@@ -32,7 +32,7 @@ pub enum Subject {
     Family(Family),
     /// A material's reference model; rows give what the material leaves free.
     Material(Material),
-    /// Baked networks; rows need no parameters.
+    /// Baked networks; rows give what their material leaves free.
     Baked(Box<Baked>),
 }
 

@@ -1,137 +1,30 @@
-//! Random materials and queries, and the two ways to run them: in batches, and one by one in f64.
+//! Random and hard queries, and everything that the native backend answers to them.
 
-use bake_runtime::native::{NativeBackend, Tier};
-use bake_runtime::{Backend, BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Rng, Role};
+use bake_runtime::native::{Inversions, NativeBackend, Tier};
+use bake_runtime::spec::U_MIN;
+use bake_runtime::{Backend, BakedMaterial, Error, Points, Rng};
 use std::f64::consts::TAU;
 
-/// Roughness of the anchor.
-const ALPHA: [f64; 2] = [0.3, 0.1];
-
-/// Hidden widths of a random material: sampling, evaluation, pdf and frame networks.
-pub struct Widths {
-    pub sample: &'static [usize],
-    pub eval: &'static [usize],
-    pub pdf: &'static [usize],
-    pub frame: &'static [usize],
-}
-
-/// The sizes that bakes use.
-pub const TYPICAL: Widths = Widths {
-    sample: &[32, 32, 32, 32],
-    eval: &[32, 32, 32],
-    pdf: &[32, 32],
-    frame: &[16, 16],
-};
-
-/// Sizes that fill no register block, and networks without hidden layers.
-pub const ODD: [Widths; 3] = [
-    Widths {
-        sample: &[7, 5, 9],
-        eval: &[1, 3],
-        pdf: &[13],
-        frame: &[3],
-    },
-    Widths {
-        sample: &[11],
-        eval: &[2],
-        pdf: &[1],
-        frame: &[6, 1],
-    },
-    Widths {
-        sample: &[],
-        eval: &[],
-        pdf: &[],
-        frame: &[],
-    },
-];
-
-/// Kinds of random materials that the kernels must get right.
-#[derive(Clone, Copy, Debug)]
-pub enum Materials {
-    /// [`TYPICAL`] networks.
-    Moderate,
-    /// Lobes e⁴ times narrower: roughness around 0.02.
-    Narrow,
-    /// Maps that fold, with shifts beyond their clamp.
-    Folding,
-    /// One of [`ODD`].
-    Odd(usize),
-}
-
-/// A material with random networks: hidden layers keep the variance of their inputs (He et al. 2015), frame
-/// outputs and warp shifts stay around 1 and exponents around 0.5.
-pub fn material(seed: u64, widths: &Widths) -> BakedMaterial {
-    let description = Material::fixed(
-        "random",
-        Family::Conductor,
-        &[("alpha", &ALPHA), ("reflectance", &[0.8; 3])],
-    )
-    .expect("valid parameters");
-    let network = |role: Role, hidden: &[usize]| {
-        let mut rng = Rng::new(&[seed, role as u64]);
-        let spec = NetworkSpec::warp(
-            role,
-            description.clone(),
-            ALPHA,
-            hidden.to_vec(),
-            widths.frame.to_vec(),
-        );
-        let frame = layers(&mut rng, &spec.frame_layers());
-        let net = layers(&mut rng, &spec.layers());
-        Network { spec, frame, net }
-    };
-    BakedMaterial {
-        sample: network(Role::Sample, widths.sample),
-        eval: network(Role::Eval, widths.eval),
-        pdf: network(Role::Pdf, widths.pdf),
-    }
-}
-
-impl Materials {
-    /// The material itself.
-    pub fn build(self, seed: u64) -> BakedMaterial {
-        match self {
-            Materials::Moderate => material(seed, &TYPICAL),
-            Materials::Odd(which) => material(seed, &ODD[which]),
-            Materials::Narrow => {
-                let mut material = material(seed, &TYPICAL);
-                for network in [&mut material.sample, &mut material.eval, &mut material.pdf] {
-                    let last = network.frame.last_mut().expect("it has layers");
-                    last.bias[..2].iter_mut().for_each(|log| *log -= 4.0);
-                }
-                material
-            }
-            Materials::Folding => {
-                let mut material = material(seed, &TYPICAL);
-                let last = material.sample.net.last_mut().expect("it has layers");
-                last.weight[..2 * last.inputs].iter_mut().for_each(|w| *w *= 25.0);
-                material
-            }
-        }
-    }
-}
-
-fn layers(rng: &mut Rng, shapes: &[(usize, usize)]) -> Vec<Dense> {
-    let layer = |(i, &(inputs, outputs)): (usize, &(usize, usize))| {
-        let gain: f64 = if i + 1 == shapes.len() { 1.0 } else { 6.0 };
-        let bound = (gain / inputs as f64).sqrt();
-        let mut centred = |bound: f64| ((2.0 * rng.uniform() - 1.0) * bound) as f32;
-        Dense {
-            weight: (0..inputs * outputs).map(|_| centred(bound)).collect(),
-            bias: (0..outputs).map(|_| centred(0.3)).collect(),
-            inputs,
-            outputs,
-        }
-    };
-    shapes.iter().enumerate().map(layer).collect()
-}
+/// The largest u that a backend uses: the last f32 below 1.
+const U_MAX: f64 = 1.0 - 1.0 / (1u64 << 24) as f64;
 
 /// `wo`, `wi` and `u` of one query.
 type Query = ([f32; 3], [f32; 3], [f32; 2]);
 
-/// Queries as the backends take them: every array has one element per query.
+/// One query in f64, as the oracle takes it: directions are unit, u is not next to its edges.
+#[derive(Clone, Debug)]
+pub struct Exact {
+    pub params: Vec<f64>,
+    pub wo: [f64; 3],
+    pub wi: [f64; 3],
+    pub u: [f64; 2],
+}
+
+/// Queries as the backends take them: every array has one element per query, but the first of several parameters is the
+/// same for all.
 #[derive(Clone)]
 pub struct Queries {
+    pub params: Vec<Vec<f32>>,
     pub wo: [Vec<f32>; 3],
     pub wi: [Vec<f32>; 3],
     pub u: [Vec<f32>; 2],
@@ -142,6 +35,7 @@ impl Queries {
     fn new(rows: &[Query]) -> Queries {
         let column = |of: &dyn Fn(&Query) -> f32| rows.iter().map(of).collect();
         Queries {
+            params: Vec::new(),
             wo: std::array::from_fn(|i| column(&|row| row.0[i])),
             wi: std::array::from_fn(|i| column(&|row| row.1[i])),
             u: std::array::from_fn(|i| column(&|row| row.2[i])),
@@ -197,25 +91,55 @@ impl Queries {
         Queries::new(&rows)
     }
 
+    /// The same with values for what `material` leaves free.
+    pub fn with_params(mut self, material: &BakedMaterial, seed: u64) -> Queries {
+        let mut rng = Rng::new(&[0x9a4a, seed]);
+        let free = material.sample.spec.material.free();
+        let columns = free.iter().enumerate().map(|(p, (_, min, max))| {
+            let count = if p == 0 && free.len() > 1 { 1 } else { self.len() };
+            (0..count)
+                .map(|_| (min + (max - min) * rng.uniform()) as f32)
+                .collect()
+        });
+        self.params = columns.collect();
+        self
+    }
+
+    /// The parameters as slices.
+    pub fn columns(&self) -> Vec<&[f32]> {
+        self.params.iter().map(Vec::as_slice).collect()
+    }
+
     /// Number of queries.
     pub fn len(&self) -> usize {
         self.wo[0].len()
     }
 
-    /// wo, wi and u of query `i` in f64.
-    pub fn at(&self, i: usize) -> ([f64; 3], [f64; 3], [f64; 2]) {
-        let row = |columns: &[Vec<f32>; 3]| std::array::from_fn(|c| f64::from(columns[c][i]));
-        (
-            row(&self.wo),
-            row(&self.wi),
-            [f64::from(self.u[0][i]), f64::from(self.u[1][i])],
-        )
+    /// Query `i` in f64.
+    pub fn at(&self, i: usize) -> Exact {
+        let unit = |columns: &[Vec<f32>; 3]| {
+            let w: [f64; 3] = std::array::from_fn(|c| f64::from(columns[c][i]));
+            let length = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]).sqrt();
+            w.map(|c| c / length)
+        };
+        let param = |column: &Vec<f32>| f64::from(*column.get(i).unwrap_or(&column[0]));
+        Exact {
+            params: self.params.iter().map(param).collect(),
+            wo: unit(&self.wo),
+            wi: unit(&self.wi),
+            u: [0, 1].map(|c: usize| f64::from(self.u[c][i]).clamp(U_MIN, U_MAX)),
+        }
     }
 
     /// The queries `range`.
     pub fn slice(&self, range: std::ops::Range<usize>) -> Queries {
         let cut = |v: &Vec<f32>| v[range.clone()].to_vec();
+        let params = self.params.iter().map(|column| match column.len() {
+            1 => column.clone(),
+            _ => cut(column),
+        });
         Queries {
+            params: params.collect(),
             wo: self.wo.each_ref().map(cut),
             wi: self.wi.each_ref().map(cut),
             u: self.u.each_ref().map(cut),
@@ -249,6 +173,12 @@ pub struct Answers {
     pub jacobian: Vec<f32>,
     pub f_cos: [Vec<f32>; 3],
     pub pdf: Vec<f32>,
+    /// Zeros on the disk.
+    pub exact_pdf: Vec<f32>,
+    pub wi_of_mixture: [Vec<f32>; 3],
+    pub mixture: Vec<f32>,
+    /// Of the exact pdf and of the mixture; not part of the columns.
+    pub inversions: [Inversions; 2],
 }
 
 impl Answers {
@@ -261,8 +191,12 @@ impl Answers {
             weight: three.clone(),
             wi_of_jacobian: three.clone(),
             jacobian: one.clone(),
-            f_cos: three,
-            pdf: one,
+            f_cos: three.clone(),
+            pdf: one.clone(),
+            exact_pdf: one.clone(),
+            wi_of_mixture: three,
+            mixture: one,
+            inversions: Default::default(),
         }
     }
 
@@ -273,6 +207,7 @@ impl Answers {
             ("weight", &self.weight),
             ("wi of jacobian", &self.wi_of_jacobian),
             ("f_cos", &self.f_cos),
+            ("wi of mixture", &self.wi_of_mixture),
         ];
         let mut all: Vec<(&str, &[f32])> = Vec::new();
         for (name, columns) in triples {
@@ -281,6 +216,8 @@ impl Answers {
         all.extend([
             ("jacobian", self.jacobian.as_slice()),
             ("pdf", self.pdf.as_slice()),
+            ("exact pdf", self.exact_pdf.as_slice()),
+            ("mixture", self.mixture.as_slice()),
         ]);
         all
     }
@@ -291,7 +228,7 @@ pub fn backend(material: &BakedMaterial, tier: Tier) -> NativeBackend {
     NativeBackend::new(material, tier).expect("the tier is available and the material is sound")
 }
 
-/// Runs all four kinds of query.
+/// Runs all kinds of query.
 pub fn run(backend: &mut NativeBackend, queries: &Queries) -> Answers {
     let mut answers = Answers::new(queries.len());
     let Answers {
@@ -301,16 +238,37 @@ pub fn run(backend: &mut NativeBackend, queries: &Queries) -> Answers {
         jacobian,
         f_cos,
         pdf,
+        exact_pdf,
+        wi_of_mixture,
+        mixture,
+        inversions,
     } = &mut answers;
-    let (wo, lights, u) = (refs(&queries.wo), refs(&queries.wi), refs(&queries.u));
+    let params = queries.columns();
+    let points = Points {
+        params: &params,
+        wo: refs(&queries.wo),
+    };
+    let (lights, u) = (refs(&queries.wi), refs(&queries.u));
+    let lengths = "equal lengths";
     backend
-        .sample_learned(wo, u, slices(wi), slices(weight))
-        .expect("equal lengths");
+        .sample_learned(points, u, slices(wi), slices(weight))
+        .expect(lengths);
     backend
-        .sample_jacobian(wo, u, slices(wi_of_jacobian), jacobian)
-        .expect("equal lengths");
-    backend.eval(wo, lights, slices(f_cos)).expect("equal lengths");
-    backend.pdf(wo, lights, pdf).expect("equal lengths");
+        .sample_jacobian(points, u, slices(wi_of_jacobian), jacobian)
+        .expect(lengths);
+    backend.eval(points, lights, slices(f_cos)).expect(lengths);
+    backend.pdf(points, lights, pdf).expect(lengths);
+    inversions[0] = match backend.exact_pdf(points, lights, exact_pdf) {
+        Ok(inversions) => inversions,
+        Err(Error::Query { .. }) => {
+            exact_pdf.fill(0.0);
+            Inversions::default()
+        }
+        Err(other) => panic!("{other}"),
+    };
+    inversions[1] = backend
+        .sample_mixture(points, u, slices(wi_of_mixture), mixture)
+        .expect(lengths);
     answers
 }
 

@@ -1,0 +1,237 @@
+//! From the scalars of a tile to the features that enter a network: the formulas of [`crate::encoding`] on vectors.
+
+use super::kernel::TANGENT_COLUMNS;
+use super::math::{EXP_MAX, decay, exp, half_turns, ln};
+use super::tile::{Column, each, read_parameter};
+use super::vector::{ROUND, Simd, Vector};
+use crate::anchor::ANCHOR_SCALARS;
+use crate::encoding::{
+    Encoding, GRAZING_FEATURES, GRAZING_LOG_OFFSET, Quantity, SCALARS_MAX, SLANT_FEATURES, Scale,
+};
+use crate::spec::{CHARTS_MAX, Input};
+use std::f32::consts::PI;
+
+/// One input of a network, ready for vectors.
+pub struct Feature {
+    /// What enters.
+    pub quantity: Quantity,
+    /// How it becomes features.
+    pub encoding: Encoding,
+    scale: Scale,
+    /// Of the scale, see [`Scale::affine`].
+    offset: f32,
+    factor: f32,
+}
+
+impl Feature {
+    /// `input`, ready for vectors.
+    pub fn new(input: &Input) -> Feature {
+        let (offset, factor) = input.scale.affine();
+        Feature {
+            quantity: input.quantity,
+            encoding: input.encoding,
+            scale: input.scale,
+            offset: offset as f32,
+            factor: factor as f32,
+        }
+    }
+
+    /// Number of features.
+    pub fn width(&self) -> usize {
+        self.encoding.features(self.quantity.scalars())
+    }
+
+    /// [`Scale::apply`].
+    #[inline(always)]
+    fn scaled<V: Vector>(&self, x: V) -> V {
+        let t = match self.scale {
+            Scale::None => return x,
+            Scale::Linear(_) => x,
+            Scale::Sqrt(_) => x.max(x.splat(0.0)).sqrt(),
+            Scale::Decay(_) => decay(x.clamp(-EXP_MAX, EXP_MAX)),
+        };
+        (t - x.splat(self.offset)) * x.splat(self.factor)
+    }
+}
+
+/// Everything that the inputs of one tile are made of, [`crate::features::Point`] in columns; what the tile does not have
+/// is empty.
+pub struct Scalars<'a, V, const N: usize> {
+    /// The free parameters of the batch.
+    pub params: &'a [&'a [f32]],
+    /// The tile's first query.
+    pub start: usize,
+    /// Camera directions, folded.
+    pub wo: &'a [Column<V, N>; 3],
+    /// Scalars of the mirror chart.
+    pub anchor: &'a [Column<V, N>; ANCHOR_SCALARS],
+    /// Uniform numbers of the drawn chart.
+    pub u: &'a [Column<V, N>],
+    /// ±1 for the drawn chart.
+    pub chart: &'a [Column<V, N>],
+    /// x and y of the light's direction, folded.
+    pub wi: &'a [Column<V, N>],
+    /// The light's direction in the frame of every chart.
+    pub local: [&'a [Column<V, N>]; CHARTS_MAX],
+}
+
+impl<V: Vector, const N: usize> Scalars<'_, V, N> {
+    /// Writes the features of `inputs` to the first rows of `out`.
+    #[inline(always)]
+    pub fn encode<S: Simd<Vector = V>>(&self, simd: S, inputs: &[Feature], out: &mut [Column<V, N>]) {
+        let mut rest = out;
+        for input in inputs {
+            let mut own = [[simd.splat(0.0); N]; SCALARS_MAX];
+            let mut scalars: &[Column<V, N>] = match input.quantity {
+                Quantity::U => self.u,
+                Quantity::Wo => self.wo,
+                Quantity::WoDisk => &self.wo[..2],
+                Quantity::WiDisk => self.wi,
+                Quantity::Local(chart) => self.local[chart],
+                Quantity::Anchor => self.anchor,
+                Quantity::Chart => self.chart,
+                Quantity::Parameter(parameter) => {
+                    own[0] = read_parameter(simd, self.params[parameter], self.start);
+                    &own[..1]
+                }
+            };
+            let mut scaled = [[simd.splat(0.0); N]; SCALARS_MAX];
+            if input.scale != Scale::None {
+                for (to, from) in scaled.iter_mut().zip(scalars) {
+                    *to = each(*from, |x| input.scaled(x));
+                }
+                scalars = &scaled[..scalars.len()];
+            }
+            let (rows, after) = rest.split_at_mut(input.width());
+            rest = after;
+            append(input.encoding, scalars, rows);
+        }
+    }
+}
+
+/// [`Encoding::append`] on columns.
+#[inline(always)]
+fn append<V: Vector, const N: usize>(
+    encoding: Encoding,
+    scalars: &[Column<V, N>],
+    rows: &mut [Column<V, N>],
+) {
+    match encoding {
+        Encoding::Identity => rows.copy_from_slice(scalars),
+        Encoding::Centred => {
+            for (row, scalar) in rows.iter_mut().zip(scalars) {
+                *row = each(*scalar, |s| s + s - s.splat(1.0));
+            }
+        }
+        Encoding::Grazing => write_features(rows, scalars, grazing),
+        Encoding::Slant => write_features(rows, scalars, slant),
+        Encoding::Frequency(k) => {
+            for (rows, scalar) in rows.chunks_exact_mut(2 * k).zip(scalars) {
+                let mut x = each(*scalar, first_turn);
+                for [sin, cos] in rows.as_chunks_mut::<2>().0 {
+                    for q in 0..N {
+                        (sin[q], cos[q]) = half_turns(x[q]);
+                        x[q] = next_turn(x[q]);
+                    }
+                }
+            }
+        }
+        Encoding::OneBlob(l) => {
+            for (rows, scalar) in rows.chunks_exact_mut(l).zip(scalars) {
+                for (i, row) in rows.iter_mut().enumerate() {
+                    *row = each(*scalar, |x| blob(x, i, l).0);
+                }
+            }
+        }
+    }
+}
+
+/// Writes the `K` features of the directions `w`.
+#[inline(always)]
+fn write_features<V: Vector, const N: usize, const K: usize>(
+    rows: &mut [Column<V, N>],
+    w: &[Column<V, N>],
+    features: impl Fn([V; 3]) -> [V; K],
+) {
+    for q in 0..N {
+        for (row, feature) in rows.iter_mut().zip(features([w[0][q], w[1][q], w[2][q]])) {
+            row[q] = feature;
+        }
+    }
+}
+
+/// Writes the features of `u` in every one of `encodings`, with their derivatives by u₀ and u₁, to `out`.
+#[inline(always)]
+pub fn encode_tangents<V: Vector>(encodings: &[Encoding], u: [V; 2], out: &mut [[V; TANGENT_COLUMNS]]) {
+    let mut rest = out;
+    for &encoding in encodings {
+        for (j, x) in u.into_iter().enumerate() {
+            let (rows, after) = rest.split_at_mut(encoding.features(1));
+            rest = after;
+            let row = |(value, slope): (V, V)| match j {
+                0 => [value, slope, x.splat(0.0)],
+                _ => [value, x.splat(0.0), slope],
+            };
+            match encoding {
+                Encoding::Centred => rows[0] = row((x + x - x.splat(1.0), x.splat(2.0))),
+                // Directions do not depend on u: no specification has their encodings here.
+                Encoding::Identity | Encoding::Grazing | Encoding::Slant => rows[0] = row((x, x.splat(1.0))),
+                Encoding::Frequency(_) => {
+                    let (mut turned, mut speed) = (first_turn(x), PI);
+                    for [sin_row, cos_row] in rows.as_chunks_mut::<2>().0 {
+                        let (sin, cos) = half_turns(turned);
+                        *sin_row = row((sin, cos * x.splat(speed)));
+                        *cos_row = row((cos, sin * x.splat(-speed)));
+                        (turned, speed) = (next_turn(turned), 2.0 * speed);
+                    }
+                }
+                Encoding::OneBlob(l) => {
+                    for (i, out) in rows.iter_mut().enumerate() {
+                        *out = row(blob(x, i, l));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Half turns that a frequency encoding takes: beyond 2²² every f32 is a whole number of turns, or nearly.
+const HALF_TURNS_MAX: f32 = (1u32 << 22) as f32;
+
+/// x in half turns, as [`half_turns`] takes it.
+#[inline(always)]
+fn first_turn<V: Vector>(x: V) -> V {
+    x.clamp(-HALF_TURNS_MAX, HALF_TURNS_MAX)
+}
+
+/// 2x less whole turns, exactly.
+#[inline(always)]
+fn next_turn<V: Vector>(x: V) -> V {
+    let turns = (x + x.splat(ROUND)) - x.splat(ROUND);
+    let rest = x - turns;
+    rest + rest
+}
+
+/// Value and derivative of Gaussian `i` of `l` at `x`.
+#[inline(always)]
+fn blob<V: Vector>(x: V, i: usize, l: usize) -> (V, V) {
+    let t = x.mul_add_const(x.splat(l as f32), -0.5 - i as f32);
+    let value = exp((t * t * x.splat(-0.5)).max(x.splat(-EXP_MAX)));
+    (value, t * value * x.splat(-(l as f32)))
+}
+
+/// [`crate::encoding::grazing`].
+#[inline(always)]
+fn grazing<V: Vector>(w: [V; 3]) -> [V; GRAZING_FEATURES] {
+    let [x, y, z] = w;
+    let [_, _, root, log] = slant(w);
+    [x, y, z, root, log, x.mul_add(x, -(y * y)), (x + x) * y]
+}
+
+/// [`crate::encoding::slant`].
+#[inline(always)]
+fn slant<V: Vector>(w: [V; 3]) -> [V; SLANT_FEATURES] {
+    let [x, _, z] = w;
+    let log = ln(z + z.splat(GRAZING_LOG_OFFSET as f32));
+    [x, z, z.sqrt(), log.mul_add_const(z.splat(0.5), 1.0)]
+}

@@ -1,0 +1,186 @@
+//! What the networks of a tile share, before u or wi enters: its cameras, where charts start from, and what the frame
+//! network says.
+
+use super::chart::{Chart, Start};
+use super::encode::{Feature, Scalars};
+use super::kernel::{Buffers, Stack, Values};
+use super::math::sigmoid;
+use super::program::{Program, features};
+use super::tile::{Cameras, Column, each, read_parameter};
+use super::vector::{Simd, Vector};
+use crate::anchor::{ANCHOR_SCALARS, Anchor};
+use crate::backend::Points;
+use crate::encoding::Quantity;
+use crate::frame::FRAME_OUTPUTS;
+use crate::spec::{CHARTS_MAX, ChartsSpec, Input, Roughness, SHARE_MIN};
+
+/// Outputs of a frame network with [`CHARTS_MAX`] charts.
+const OUTPUTS_MAX: usize = FRAME_OUTPUTS * CHARTS_MAX + 1;
+
+/// The charts of a network, ready for vectors.
+pub struct Frames {
+    anchors: Vec<Anchor>,
+    alpha: [Roughness; 2],
+    inputs: Vec<Feature>,
+    net: Stack,
+    /// Whether the mirror chart is needed at all.
+    mirror: bool,
+    /// Whether an input takes its scalars.
+    scalars: bool,
+}
+
+impl Frames {
+    /// The charts of `spec` with the frame network `net`; `asked` are all inputs of the network and of its frame network.
+    pub fn new<'a>(spec: &ChartsSpec, net: Stack, mut asked: impl Iterator<Item = &'a Input>) -> Frames {
+        let scalars = asked.any(|input| input.quantity == Quantity::Anchor);
+        Frames {
+            anchors: spec.anchors.clone(),
+            alpha: spec.alpha,
+            inputs: features(&spec.inputs),
+            net,
+            mirror: scalars || spec.anchors.contains(&Anchor::Mirror),
+            scalars,
+        }
+    }
+
+    /// Number of charts.
+    pub fn charts(&self) -> usize {
+        self.anchors.len()
+    }
+}
+
+/// The shading points of one tile.
+pub struct Place<'a, V, const N: usize> {
+    /// The batch.
+    pub points: Points<'a>,
+    /// The tile's first query.
+    pub start: usize,
+    /// The cameras.
+    pub cameras: Cameras<V, N>,
+    mirror: [Start<V>; N],
+    anchor: [Column<V, N>; ANCHOR_SCALARS],
+    frames: [Column<V, N>; OUTPUTS_MAX],
+}
+
+impl<'a, V: Vector, const N: usize> Place<'a, V, N> {
+    /// Reads the tile of `points` that begins at `start` and runs the frame network of `program`.
+    #[inline(always)]
+    pub fn read<S: Simd<Vector = V>>(
+        simd: S,
+        program: &Program,
+        points: Points<'a>,
+        start: usize,
+        buffers: &mut Buffers<V, N>,
+    ) -> Self {
+        let zero = simd.splat(0.0);
+        let mut place = Place {
+            points,
+            start,
+            cameras: Cameras::read(simd, program.symmetry, &points, start),
+            mirror: [Start::identity(zero); N],
+            anchor: [[zero; N]; ANCHOR_SCALARS],
+            frames: [[zero; N]; OUTPUTS_MAX],
+        };
+        let Some(frames) = &program.frames else {
+            return place;
+        };
+        if frames.mirror {
+            let [x, y] = frames.alpha;
+            let x: Column<V, N> = roughness(simd, x, &points, start);
+            let y: Column<V, N> = roughness(simd, y, &points, start);
+            for q in 0..N {
+                place.mirror[q] = Start::mirror(place.cameras.wo(q), [x[q], y[q]]);
+            }
+        }
+        if frames.scalars {
+            for q in 0..N {
+                for (column, scalar) in place.anchor.iter_mut().zip(place.mirror[q].scalars()) {
+                    column[q] = scalar;
+                }
+            }
+        }
+        place.scalars().encode(simd, &frames.inputs, buffers.input());
+        let rows = buffers.run::<Values>(&frames.net);
+        for (column, row) in place.frames.iter_mut().zip(rows) {
+            *column = *row;
+        }
+        place
+    }
+
+    /// What inputs are made of, as far as neither u nor wi is concerned.
+    #[inline(always)]
+    pub fn scalars(&self) -> Scalars<'_, V, N> {
+        Scalars {
+            params: self.points.params,
+            start: self.start,
+            wo: &self.cameras.wo,
+            anchor: &self.anchor,
+            u: &[],
+            chart: &[],
+            wi: &[],
+            local: [&[]; CHARTS_MAX],
+        }
+    }
+
+    /// Chart `c` of vector `q`.
+    #[inline(always)]
+    pub fn chart(&self, frames: &Frames, c: usize, q: usize) -> Chart<V> {
+        Chart::new(self.outputs(c, q), &self.anchor_start(frames, c, q))
+    }
+
+    /// The first chart of vector `q` where `first` holds, the second elsewhere.
+    #[inline(always)]
+    pub fn drawn_chart(&self, frames: &Frames, first: V::Mask, q: usize) -> Chart<V> {
+        let mut outputs = self.outputs(0, q);
+        for (output, other) in outputs.iter_mut().zip(self.outputs(1, q)) {
+            *output = V::select(first, *output, other);
+        }
+        let (one, other) = (self.anchor_start(frames, 0, q), self.anchor_start(frames, 1, q));
+        Chart::new(outputs, &Start::select(first, &one, &other))
+    }
+
+    /// Share of the samples that the first of two charts gets in vector `q`.
+    #[inline(always)]
+    pub fn share(&self, q: usize) -> V {
+        let least = SHARE_MIN as f32;
+        sigmoid(self.frames[OUTPUTS_MAX - 1][q]).clamp(least, 1.0 - least)
+    }
+
+    #[inline(always)]
+    fn outputs(&self, c: usize, q: usize) -> [V; FRAME_OUTPUTS] {
+        let mut outputs = [self.frames[0][q]; FRAME_OUTPUTS];
+        for (output, column) in outputs.iter_mut().zip(&self.frames[FRAME_OUTPUTS * c..]) {
+            *output = column[q];
+        }
+        outputs
+    }
+
+    #[inline(always)]
+    fn anchor_start(&self, frames: &Frames, c: usize, q: usize) -> Start<V> {
+        match frames.anchors[c] {
+            Anchor::Mirror => self.mirror[q],
+            Anchor::Diffuse => Start::identity(self.frames[0][q]),
+        }
+    }
+}
+
+/// [`Roughness::at`] in a tile.
+#[inline(always)]
+fn roughness<S: Simd, const N: usize>(
+    simd: S,
+    roughness: Roughness,
+    points: &Points,
+    start: usize,
+) -> Column<S::Vector, N> {
+    match roughness {
+        Roughness::Fixed(value) => [simd.splat(value as f32); N],
+        Roughness::Free {
+            parameter,
+            factor,
+            power,
+        } => each(read_parameter(simd, points.params[parameter], start), |p| {
+            let raised = if power == 2 { p * p } else { p };
+            (raised * p.splat(factor as f32)).max(p.splat(Roughness::MIN as f32))
+        }),
+    }
+}
