@@ -1,10 +1,55 @@
-//! What happens to a query before and after the network: fold, limits of u, and the answer to invalid ones.
+//! What is asked of raw queries before the network sees them, and the answer to invalid ones.
 
 use crate::graph::{Graph, Value};
-use bake_runtime::spec::{Symmetry, U_MIN};
+use bake_runtime::NetworkSpec;
+use bake_runtime::spec::{EXPONENT_MAX, Port, U_MIN, params_port};
 
 /// Largest f32 below 1, and so the largest u that a renderer can draw.
 const U_MAX: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// The inputs of a graph.
+pub struct Query {
+    /// Free parameters, `[N, 1]` each.
+    pub params: Vec<Value>,
+    /// Camera direction, `[N, 3]`.
+    pub wo: Value,
+    /// u or wi.
+    pub other: Value,
+    /// `[N, 1]`: whether parameters are finite and `wo` lies above the horizon.
+    pub valid: Value,
+}
+
+/// The inputs of the graph of a network, in order.
+pub fn graph_inputs(spec: &NetworkSpec) -> Vec<Port> {
+    let free = spec.material.free().len();
+    let params = (free > 0).then(|| params_port(free));
+    params.into_iter().chain(*spec.role.graph_inputs()).collect()
+}
+
+impl Query {
+    /// Declares the inputs of the graph of a network.
+    pub fn new(g: &mut Graph, spec: &NetworkSpec) -> Query {
+        g.scope("query");
+        let inputs: Vec<Value> = graph_inputs(spec).iter().map(|port| g.input(port)).collect();
+        let (params, wo, other) = match inputs[..] {
+            [wo, other] => (None, wo, other),
+            [params, wo, other] => (Some(params), wo, other),
+            _ => unreachable!("every role has two inputs after the parameters"),
+        };
+        let above = above_horizon(g, wo);
+        let valid = params.map_or(above, |params| {
+            let finite = is_finite(g, params);
+            g.and(finite, above)
+        });
+        let free = spec.material.free().len();
+        Query {
+            params: params.map_or_else(Vec::new, |params| g.column_list(params, free)),
+            wo,
+            other,
+            valid,
+        }
+    }
+}
 
 /// `[N, 1]`: whether the direction `w` `[N, 3]` is finite and above the horizon.
 pub fn above_horizon(g: &mut Graph, w: Value) -> Value {
@@ -13,19 +58,6 @@ pub fn above_horizon(g: &mut Graph, w: Value) -> Value {
     let above = g.greater(z, zero);
     let finite = is_finite(g, w);
     g.and(above, finite)
-}
-
-/// `wo` folded by `symmetry`, and the signs `[N, 3]` that fold and unfold `wi`.
-///
-/// z needs no case of its own: it is positive wherever the answer counts.
-pub fn fold(g: &mut Graph, symmetry: Symmetry, wo: Value) -> (Value, Value) {
-    match symmetry {
-        Symmetry::Quadrant => {
-            let (zero, plus, minus) = (g.scalar(0.0), g.scalar(1.0), g.scalar(-1.0));
-            let negative = g.less(wo, zero);
-            (g.unary("Abs", wo), g.select(negative, minus, plus))
-        }
-    }
 }
 
 /// u limited to [`U_MIN`]..=[`U_MAX`]; NaN becomes [`U_MIN`].
@@ -49,4 +81,10 @@ fn is_finite(g: &mut Graph, a: Value) -> Value {
     let largest = g.scalar(f32::MAX);
     let sum = g.row_l1(a);
     g.less_or_equal(sum, largest)
+}
+
+/// e^x with |x| limited to [`EXPONENT_MAX`].
+pub fn bounded_exp(g: &mut Graph, x: Value) -> Value {
+    let limited = g.clip(x, EXPONENT_MAX as f32);
+    g.unary("Exp", limited)
 }

@@ -31,7 +31,7 @@ pub mod moments;
 #[cfg(any())]
 pub mod native;
 pub mod network;
-#[cfg(any())]
+#[cfg(feature = "ort")]
 pub mod onnxruntime;
 pub mod oracle;
 pub mod principled;
