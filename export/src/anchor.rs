@@ -87,10 +87,7 @@ fn chord(g: &mut Graph, alpha: [Value; 2], [x, y]: [Value; 2]) -> Value {
 ///
 /// 1 − k·β_x² with k = 1/(1 + cos) is formed as cos + k·β_y²: no difference loses what little it is next to the horizon.
 fn shape(g: &mut Graph, alpha: [Value; 2], boost: Boost) -> Start {
-    let Boost {
-        beta: [bx, by],
-        cos,
-    } = boost;
+    let Boost { beta: [bx, by], cos } = boost;
     let quarter = g.scalar(0.25);
     let [qx, qy] = alpha.map(|a| {
         let square = g.mul(a, a);

@@ -7,11 +7,11 @@ use crate::features::Point;
 use crate::frame::{Frame, Square};
 use crate::graph::{Graph, Value};
 use crate::layers::forward;
+use bake_runtime::Network;
 use bake_runtime::anchor::Anchor;
 use bake_runtime::encoding::Quantity;
 use bake_runtime::frame::{FRAME_OUTPUT_MAX, FRAME_OUTPUTS};
 use bake_runtime::spec::{ChartsSpec, SHARE_MIN};
-use bake_runtime::Network;
 
 /// A frame, and the boost that follows it where there is one.
 #[derive(Clone, Copy)]
@@ -111,7 +111,7 @@ impl Chart {
     }
 
     /// Direction `[N, 3]` at `square`, and dω / d(square), sr, `[N, 1]`.
-    pub fn square_to_direction(&self, g: &mut Graph, square: &Square) -> (Value, Value) {
+    pub fn square_to_direction(self, g: &mut Graph, square: &Square) -> (Value, Value) {
         g.scope("direction");
         let (v, area) = self.frame.square_to_direction(g, square);
         let (w, area) = match self.boost {
@@ -126,7 +126,7 @@ impl Chart {
 
     /// Local direction `[N, 3]` of `w` `[N, 3]`, and the density of a direction drawn evenly over the square at `w`,
     /// sr⁻¹, `[N, 1]`.
-    pub fn to_local(&self, g: &mut Graph, w: Value) -> (Value, Value) {
+    pub fn to_local(self, g: &mut Graph, w: Value) -> (Value, Value) {
         g.scope("local");
         let w = g.columns(w);
         let (local, density) = match self.boost {

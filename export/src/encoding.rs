@@ -52,14 +52,16 @@ pub fn encode(g: &mut Graph, encoding: Encoding, values: Value, scalars: usize) 
 
 /// Features of `values` as [`encode`] has them, and the derivative of each by its own scalar, `[N, features]`, or
 /// `[1, features]` where every query has the same.
-pub fn encode_with_slopes(g: &mut Graph, encoding: Encoding, values: Value, scalars: usize) -> (Value, Value) {
+pub fn encode_with_slopes(
+    g: &mut Graph,
+    encoding: Encoding,
+    values: Value,
+    scalars: usize,
+) -> (Value, Value) {
     let features = encoding.features(scalars);
     let constant = |g: &mut Graph, slope: f32| g.constant(&[1, features], &vec![slope; features]);
     match encoding {
-        Encoding::Centred => (
-            encode(g, encoding, values, scalars),
-            constant(g, CENTRED_SLOPE),
-        ),
+        Encoding::Centred => (encode(g, encoding, values, scalars), constant(g, CENTRED_SLOPE)),
         Encoding::Identity => (values, constant(g, 1.0)),
         Encoding::Grazing | Encoding::Slant => unreachable!("directions do not depend on u"),
         Encoding::Frequency(k) => {

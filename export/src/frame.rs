@@ -51,7 +51,7 @@ impl Frame {
     }
 
     /// Unit direction at `square`, `[N, 1]` each component, and dω / d(square), sr, `[N, 1]`.
-    pub fn square_to_direction(&self, g: &mut Graph, square: &Square) -> ([Value; 3], Value) {
+    pub fn square_to_direction(self, g: &mut Graph, square: &Square) -> ([Value; 3], Value) {
         let [lx, ly, z] = square_to_hemisphere(g, square);
         let [px, py] = [(lx, self.delta[0]), (ly, self.delta[1])].map(|(l, delta)| {
             let shift = g.mul(delta, z);
@@ -70,7 +70,7 @@ impl Frame {
     }
 
     /// Unit local direction of the unit direction `w`, and the frame's density at `w`, sr⁻¹, `[N, 1]`.
-    pub fn to_local(&self, g: &mut Graph, [wx, wy, z]: [Value; 3]) -> ([Value; 3], Value) {
+    pub fn to_local(self, g: &mut Graph, [wx, wy, z]: [Value; 3]) -> ([Value; 3], Value) {
         let (qx, qy) = (g.div(wx, self.x), g.div(wy, self.y));
         let sheared = g.mul(self.shear, qx);
         let qy = g.sub(qy, sheared);
@@ -88,7 +88,7 @@ impl Frame {
     }
 
     /// π·det A.
-    fn area(&self, g: &mut Graph) -> Value {
+    fn area(self, g: &mut Graph) -> Value {
         let det = g.mul(self.x, self.y);
         g.mul_scalar(det, DISK_AREA as f32)
     }

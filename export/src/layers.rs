@@ -52,7 +52,11 @@ impl Affine {
         let weight: Vec<f32> = (0..layer.inputs).flat_map(column).collect();
         Affine {
             weight: g.initializer(format!("{name}.weight"), &[layer.inputs, outputs.len()], &weight),
-            bias: g.initializer(format!("{name}.bias"), &[outputs.len()], &layer.bias[outputs.clone()]),
+            bias: g.initializer(
+                format!("{name}.bias"),
+                &[outputs.len()],
+                &layer.bias[outputs.clone()],
+            ),
             outputs: outputs.len(),
         }
     }

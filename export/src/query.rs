@@ -2,7 +2,7 @@
 
 use crate::graph::{Graph, Value};
 use bake_runtime::NetworkSpec;
-use bake_runtime::spec::{EXPONENT_MAX, Port, U_MIN, params_port};
+use bake_runtime::spec::{EXPONENT_MAX, U_MIN, params_port};
 
 /// Largest f32 below 1, and so the largest u that a renderer can draw.
 const U_MAX: f32 = 1.0 - f32::EPSILON / 2.0;
@@ -19,31 +19,23 @@ pub struct Query {
     pub valid: Value,
 }
 
-/// The inputs of the graph of a network, in order.
-pub fn graph_inputs(spec: &NetworkSpec) -> Vec<Port> {
-    let free = spec.material.free().len();
-    let params = (free > 0).then(|| params_port(free));
-    params.into_iter().chain(*spec.role.graph_inputs()).collect()
-}
-
 impl Query {
-    /// Declares the inputs of the graph of a network.
+    /// Declares the inputs of the graph of a network: parameters, where any are free, then those of its role.
     pub fn new(g: &mut Graph, spec: &NetworkSpec) -> Query {
         g.scope("query");
-        let inputs: Vec<Value> = graph_inputs(spec).iter().map(|port| g.input(port)).collect();
-        let (params, wo, other) = match inputs[..] {
-            [wo, other] => (None, wo, other),
-            [params, wo, other] => (Some(params), wo, other),
-            _ => unreachable!("every role has two inputs after the parameters"),
-        };
-        let above = above_horizon(g, wo);
-        let valid = params.map_or(above, |params| {
-            let finite = is_finite(g, params);
-            g.and(finite, above)
-        });
         let free = spec.material.free().len();
+        let params = (free > 0).then(|| g.input(&params_port(free)));
+        let [wo, other] = spec.role.graph_inputs().each_ref().map(|port| g.input(port));
+        let above = above_horizon(g, wo);
+        let (params, valid) = match params {
+            None => (Vec::new(), above),
+            Some(params) => {
+                let finite = is_finite(g, params);
+                (g.column_list(params, free), g.and(finite, above))
+            }
+        };
         Query {
-            params: params.map_or_else(Vec::new, |params| g.column_list(params, free)),
+            params,
             wo,
             other,
             valid,

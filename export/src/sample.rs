@@ -137,11 +137,6 @@ fn outputs(g: &mut Graph, network: &Network, point: &Point) -> (Dual, Value) {
     let trunk = hidden_dual(g, "net", hidden, network.spec.activation, features);
     let name = format!("net.{}", hidden.len());
     let steering = Affine::new(g, &format!("{name}.shift"), last, 0..STEERING_OUTPUTS);
-    let weight = Affine::new(
-        g,
-        &format!("{name}.weight"),
-        last,
-        STEERING_OUTPUTS..last.outputs,
-    );
+    let weight = Affine::new(g, &format!("{name}.weight"), last, STEERING_OUTPUTS..last.outputs);
     (steering.dual(g, &trunk), weight.value(g, trunk.value()))
 }

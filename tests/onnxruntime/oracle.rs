@@ -52,7 +52,11 @@ fn random_specifications_leave_nothing_out() {
     }
     let inputs: Vec<_> = networks
         .iter()
-        .flat_map(|spec| spec.inputs.iter().chain(spec.charts().into_iter().flat_map(|c| &c.inputs)))
+        .flat_map(|spec| {
+            spec.inputs
+                .iter()
+                .chain(spec.charts().into_iter().flat_map(|c| &c.inputs))
+        })
         .collect();
     fn kinds<T: Eq + Hash>(of: impl Iterator<Item = T>) -> usize {
         of.collect::<HashSet<T>>().len()
@@ -60,11 +64,19 @@ fn random_specifications_leave_nothing_out() {
     assert_eq!(kinds(inputs.iter().map(|i| discriminant(&i.quantity))), 8);
     assert_eq!(kinds(inputs.iter().map(|i| discriminant(&i.scale))), 4);
     assert_eq!(kinds(inputs.iter().map(|i| discriminant(&i.encoding))), 6);
-    let of_u = inputs.iter().filter(|i| i.quantity == bake_runtime::encoding::Quantity::U);
+    let of_u = inputs
+        .iter()
+        .filter(|i| i.quantity == bake_runtime::encoding::Quantity::U);
     assert_eq!(kinds(of_u.map(|i| discriminant(&i.encoding))), 4);
     assert_eq!(kinds(networks.iter().map(|spec| discriminant(&spec.symmetry))), 2);
-    assert_eq!(kinds(networks.iter().map(|spec| discriminant(&spec.activation))), 2);
-    let alpha = networks.iter().filter_map(|spec| spec.charts()).flat_map(|c| c.alpha);
+    assert_eq!(
+        kinds(networks.iter().map(|spec| discriminant(&spec.activation))),
+        2
+    );
+    let alpha = networks
+        .iter()
+        .filter_map(|spec| spec.charts())
+        .flat_map(|c| c.alpha);
     assert_eq!(kinds(alpha.map(|a| discriminant(&a))), 2);
 }
 

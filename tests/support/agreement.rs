@@ -27,6 +27,9 @@ const SPLIT_WIDTH: f64 = 1e-5;
 /// Largest share of queries that the split may excuse: a few times the 2e-5 of uniform numbers that lie there.
 const SPLIT_SHARE_MAX: f64 = 1e-4;
 
+/// The first output that depends on `wi` and not on u.
+const FIRST_OF_WI: usize = OUTPUTS[3].1[0];
+
 /// Largest difference of the output of this name.
 pub fn tolerance(output: &str) -> f64 {
     if output == "wi" { WI_TOL } else { OUTPUT_TOL }
@@ -67,7 +70,11 @@ pub fn assert_agree(
     found: &[Vec<f32>],
     expected: &[Vec<f32>],
 ) {
-    let columns = || OUTPUTS.iter().flat_map(|(name, [a, b])| (*a..*b).map(move |c| (*name, c)));
+    let columns = || {
+        OUTPUTS
+            .iter()
+            .flat_map(|(name, [a, b])| (*a..*b).map(move |c| (*name, c)))
+    };
     let sizes: Vec<f64> = expected
         .iter()
         .map(|column| {
@@ -82,8 +89,8 @@ pub fn assert_agree(
                 let (a, b) = (f64::from(found[c][i]), f64::from(expected[c][i]));
                 let allowed = tolerance(name) * b.abs().max(sizes[c]);
                 let difference = (a - b).abs();
-                // Written so that NaN is apart.
-                (!(difference <= allowed)).then_some((name, c, difference - allowed))
+                let agree = difference <= allowed;
+                (!agree).then_some((name, c, difference - allowed))
             })
             .collect();
         if apart.is_empty() {
@@ -116,12 +123,13 @@ pub fn assert_agree(
         (split, SPLIT_SHARE_MAX, "the split of charts"),
     ] {
         let most = 1 + (share * queries.len() as f64) as usize;
-        assert!(count <= most, "{what}: {reason} excuses {count} of {} queries", queries.len());
+        assert!(
+            count <= most,
+            "{what}: {reason} excuses {count} of {} queries",
+            queries.len()
+        );
     }
 }
-
-/// The first output that depends on `wi` and not on u.
-const FIRST_OF_WI: usize = OUTPUTS[3].1[0];
 
 fn at_the_split(material: &BakedMaterial, query: &Query) -> bool {
     let (wo, _) = oracle::fold(material.sample.spec.symmetry, query.wo);

@@ -56,7 +56,7 @@ impl Queries {
         let mut rng = Rng::new(&[0x7061_7269_7479, seed]);
         let free = material.sample.spec.material.free();
         let mut queries = Queries {
-            params: vec![Vec::with_capacity(count); free.len()],
+            params: vec![Vec::new(); free.len()],
             wo: Default::default(),
             u: Default::default(),
             wi: Default::default(),
@@ -68,7 +68,10 @@ impl Queries {
                 .for_each(|(column, &value)| column.push(value as f32));
         };
         for i in 0..count {
-            let params: Vec<f64> = free.iter().map(|(_, min, max)| within(&mut rng, *min, *max)).collect();
+            let params: Vec<f64> = free
+                .iter()
+                .map(|(_, min, max)| within(&mut rng, *min, *max))
+                .collect();
             let (wo, mut wi) = (direction(&mut rng), direction(&mut rng));
             let u = [uniform(&mut rng), uniform(&mut rng)];
             if i % 2 == 0 {
@@ -133,7 +136,7 @@ impl Queries {
 
     /// What the oracle answers, a column per output.
     pub fn ask_oracle(&self, material: &BakedMaterial) -> Vec<Vec<f32>> {
-        let mut answers = vec![Vec::with_capacity(self.len()); WIDTH];
+        let mut answers = vec![Vec::new(); WIDTH];
         for i in 0..self.len() {
             let answer = oracle_answer(material, &self.at(i));
             for (column, value) in answers.iter_mut().zip(answer) {

@@ -67,7 +67,11 @@ const fn linear(parameter: usize) -> Roughness {
 /// Untrained networks of random specifications, which differ from role to role.
 pub fn random_networks(places: Places, free: bool, seed: u64) -> BakedMaterial {
     let mut rng = Rng::new(&[0x5bec, places as u64, free.into(), seed]);
-    let (json, alpha) = if free { FREE[seed as usize % FREE.len()] } else { FIXED };
+    let (json, alpha) = if free {
+        FREE[seed as usize % FREE.len()]
+    } else {
+        FIXED
+    };
     let material: Material = serde_json::from_str(json).expect("a valid description");
     let symmetry = pick(&mut rng, &[Symmetry::Quadrant, Symmetry::Rotation]);
     let anchors = match places {
@@ -81,7 +85,11 @@ pub fn random_networks(places: Places, free: bool, seed: u64) -> BakedMaterial {
             _ => Geometry::Charts(ChartsSpec {
                 anchors: anchors.clone(),
                 alpha,
-                inputs: inputs(&mut rng, &material, &[Quantity::Wo, Quantity::WoDisk, Quantity::Anchor]),
+                inputs: inputs(
+                    &mut rng,
+                    &material,
+                    &[Quantity::Wo, Quantity::WoDisk, Quantity::Anchor],
+                ),
                 hidden: hidden(&mut rng, 2),
             }),
         };
