@@ -9,6 +9,7 @@ use crate::proto::{
 };
 use bake_runtime::spec::Port;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Name of the batch axis.
 pub const BATCH_AXIS: &str = "N";
@@ -23,7 +24,8 @@ pub struct Graph {
     proto: GraphProto,
     names: Vec<String>,
     scope: &'static str,
-    constants: BTreeMap<(Vec<usize>, Vec<u32>), Value>,
+    /// By shape and bytes, which tell floats and integers apart too.
+    constants: BTreeMap<(Vec<usize>, Vec<u8>), Value>,
 }
 
 impl Graph {
@@ -59,20 +61,12 @@ impl Graph {
 
     /// A constant tensor; equal ones are stored once.
     pub fn constant(&mut self, shape: &[usize], values: &[f32]) -> Value {
-        let key = (shape.to_vec(), values.iter().map(|v| v.to_bits()).collect());
-        if let Some(&known) = self.constants.get(&key) {
-            return known;
-        }
-        let name = format!("constant.{}", self.constants.len());
-        let value = self.initializer(name, shape, values);
-        self.constants.insert(key, value);
-        value
+        self.shared(shape, DataType::Float, float_bytes(values))
     }
 
     /// A named float tensor, row-major.
     pub fn initializer(&mut self, name: String, shape: &[usize], values: &[f32]) -> Value {
-        let raw = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-        self.push_initializer(name, shape, DataType::Float, raw)
+        self.push_initializer(name, shape, DataType::Float, float_bytes(values))
     }
 
     pub fn add(&mut self, a: Value, b: Value) -> Value {
@@ -109,7 +103,8 @@ impl Graph {
         self.sub(one, a)
     }
 
-    /// An operation of one tensor without attributes: `Abs`, `Cos`, `Exp`, `Log`, `Neg`, `Sigmoid`, `Sin`, `Sqrt`.
+    /// An operation of one tensor without attributes: `Abs`, `Cos`, `Exp`, `Log`, `Neg`, `Relu`, `Round` (halves to
+    /// even), `Sigmoid`, `Sin`, `Sqrt`.
     pub fn unary(&mut self, op: &'static str, a: Value) -> Value {
         self.op(op, &[a])
     }
@@ -157,21 +152,58 @@ impl Graph {
         if let [only] = parts {
             return *only;
         }
-        let out = self.fresh("Concat");
-        self.push("Concat", parts, &[out], vec![integer("axis", 1)]);
-        out
+        self.join(parts, 1)
     }
 
-    /// The single columns of a `[N, K]` tensor, each `[N, 1]`.
+    /// The K equal parts of the columns of `[N, K·k]`, each `[N, k]`: single columns where there are K.
     pub fn columns<const K: usize>(&mut self, a: Value) -> [Value; K] {
         self.split(a, 1)
     }
 
+    /// The single columns of a `[N, count]` tensor, each `[N, 1]`.
+    pub fn column_list(&mut self, a: Value, count: usize) -> Vec<Value> {
+        if count == 1 {
+            return vec![a];
+        }
+        let out: Vec<Value> = (0..count).map(|_| self.fresh("Split")).collect();
+        self.push("Split", &[a], &out, vec![integer("axis", 1)]);
+        out
+    }
+
     /// Two tensors `[N, k]` out of the pair `[2, N, k]`.
     pub fn unstack(&mut self, pair: Value) -> [Value; 2] {
-        let axis = self.axes(&[0]);
+        let axis = self.integers(&[0]);
         let parts: [Value; 2] = self.split(pair, 0);
         parts.map(|part| self.op("Squeeze", &[part, axis]))
+    }
+
+    /// `a` with another axis, of length 1, after its last; it has `rank` of them.
+    pub fn deepen(&mut self, a: Value, rank: i64) -> Value {
+        let axis = self.integers(&[rank]);
+        self.op("Unsqueeze", &[a, axis])
+    }
+
+    /// All axes but the first in one: `[N, …]` ↦ `[N, width]`.
+    pub fn flatten(&mut self, a: Value, width: usize) -> Value {
+        // 0 keeps the axis as it is.
+        let shape = self.integers(&[0, width as i64]);
+        self.op("Reshape", &[a, shape])
+    }
+
+    /// a₀, b₀, a₁, b₁, …: the elements of two tensors `[N, s, k]` by turns, `[N, width]` with width = 2·s·k.
+    pub fn interleave(&mut self, a: Value, b: Value, width: usize) -> Value {
+        let pair = [a, b].map(|part| self.deepen(part, 3));
+        let joined = self.join(&pair, 3);
+        self.flatten(joined, width)
+    }
+
+    /// Some rows of a matrix.
+    pub fn rows(&mut self, a: Value, rows: Range<usize>) -> Value {
+        let (start, end) = (
+            self.integers(&[rows.start as i64]),
+            self.integers(&[rows.end as i64]),
+        );
+        self.op("Slice", &[a, start, end])
     }
 
     /// Sum of |elements| of each row, `[N, k]` ↦ `[N, 1]`: finite exactly when every element is, short of overflow.
@@ -203,10 +235,26 @@ impl Graph {
         out
     }
 
-    fn axes(&mut self, axes: &[i64]) -> Value {
-        let raw = axes.iter().flat_map(|v| v.to_le_bytes()).collect();
-        let name = format!("axes.{}", self.names.len());
-        self.push_initializer(name, &[axes.len()], DataType::Int64, raw)
+    fn join(&mut self, parts: &[Value], axis: i64) -> Value {
+        let out = self.fresh("Concat");
+        self.push("Concat", parts, &[out], vec![integer("axis", axis)]);
+        out
+    }
+
+    fn integers(&mut self, values: &[i64]) -> Value {
+        let raw = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        self.shared(&[values.len()], DataType::Int64, raw)
+    }
+
+    fn shared(&mut self, shape: &[usize], data_type: DataType, raw: Vec<u8>) -> Value {
+        let key = (shape.to_vec(), raw);
+        if let Some(&known) = self.constants.get(&key) {
+            return known;
+        }
+        let name = format!("constant.{}", self.constants.len());
+        let value = self.push_initializer(name, shape, data_type, key.1.clone());
+        self.constants.insert(key, value);
+        value
     }
 
     fn op(&mut self, op: &'static str, inputs: &[Value]) -> Value {
@@ -257,6 +305,10 @@ impl Graph {
         self.names.push(name);
         Value(self.names.len() - 1)
     }
+}
+
+fn float_bytes(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
 fn integer(name: &str, value: i64) -> AttributeProto {

@@ -1,9 +1,10 @@
 //! Dense layers: on a value, and on a value with its two tangents along u.
 //!
 //! Value and tangents stay apart, `[N, k]` and `[2, N, k]`: both are matrix products with the same weights,
-//! nothing is copied to stack them, and the tangents skip the bias. The first layer's tangents do not depend
-//! on the query, so they start as `[2, 1, k]` constants that onnxruntime folds away.
+//! nothing is copied to stack them, and the tangents skip the bias. Into the first layer only the rows of features
+//! that depend on u carry tangents; where those are constants, onnxruntime folds the product away.
 
+use crate::features::Features;
 use crate::graph::{Graph, Value};
 use bake_runtime::Dense;
 use bake_runtime::spec::Activation;
@@ -18,11 +19,30 @@ pub struct Dual {
     pub tangents: Value,
 }
 
+/// What enters a layer of a sampling network.
+pub enum Entering {
+    /// Features, before the first layer.
+    Features(Features),
+    /// What another layer gave.
+    Dual(Dual),
+}
+
 /// Weights of some outputs of a layer, as the graph stores them.
 pub struct Affine {
     /// `[inputs, outputs]`: the transpose of the safetensors tensor, so that Gemm and MatMul share it.
     weight: Value,
     bias: Value,
+    outputs: usize,
+}
+
+impl Entering {
+    /// The value without tangents, `[N, k]`.
+    pub fn value(&self) -> Value {
+        match self {
+            Entering::Features(features) => features.value,
+            Entering::Dual(dual) => dual.value,
+        }
+    }
 }
 
 impl Affine {
@@ -32,7 +52,12 @@ impl Affine {
         let weight: Vec<f32> = (0..layer.inputs).flat_map(column).collect();
         Affine {
             weight: g.initializer(format!("{name}.weight"), &[layer.inputs, outputs.len()], &weight),
-            bias: g.initializer(format!("{name}.bias"), &[outputs.len()], &layer.bias[outputs]),
+            bias: g.initializer(
+                format!("{name}.bias"),
+                &[outputs.len()],
+                &layer.bias[outputs.clone()],
+            ),
+            outputs: outputs.len(),
         }
     }
 
@@ -42,11 +67,25 @@ impl Affine {
     }
 
     /// The same on a value and its tangents.
-    pub fn dual(&self, g: &mut Graph, x: Dual) -> Dual {
+    pub fn dual(&self, g: &mut Graph, x: &Entering) -> Dual {
+        let tangents = match x {
+            Entering::Features(features) => self.first_tangents(g, features),
+            Entering::Dual(dual) => g.matmul(dual.tangents, self.weight),
+        };
         Dual {
-            value: self.value(g, x.value),
-            tangents: g.matmul(x.tangents, self.weight),
+            value: self.value(g, x.value()),
+            tangents,
         }
+    }
+
+    fn first_tangents(&self, g: &mut Graph, features: &Features) -> Value {
+        let mut sum: Option<Value> = None;
+        for moving in &features.moving {
+            let rows = g.rows(self.weight, moving.columns.clone());
+            let term = g.matmul(moving.tangents, rows);
+            sum = Some(sum.map_or(term, |sum| g.add(sum, term)));
+        }
+        sum.unwrap_or_else(|| g.constant(&[2, 1, self.outputs], &vec![0.0; 2 * self.outputs]))
     }
 }
 
@@ -57,52 +96,58 @@ pub fn forward(g: &mut Graph, prefix: &str, layers: &[Dense], activation: Activa
         let affine = Affine::new(g, &format!("{prefix}.{i}"), layer, 0..layer.outputs);
         x = affine.value(g, x);
         if i + 1 < layers.len() {
-            x = activate(g, activation, x).value;
+            x = match activation {
+                Activation::Silu => silu(g, x).0,
+                Activation::Relu => g.unary("Relu", x),
+            };
         }
     }
     x
 }
 
 /// Hidden `layers` on x, each with its activation; they are named `{prefix}.0` and on.
-pub fn hidden_dual(g: &mut Graph, prefix: &str, layers: &[Dense], activation: Activation, x: Dual) -> Dual {
-    let mut x = x;
+pub fn hidden_dual(
+    g: &mut Graph,
+    prefix: &str,
+    layers: &[Dense],
+    activation: Activation,
+    x: Features,
+) -> Entering {
+    let mut x = Entering::Features(x);
     for (i, layer) in layers.iter().enumerate() {
         let affine = Affine::new(g, &format!("{prefix}.{i}"), layer, 0..layer.outputs);
-        let before = affine.dual(g, x);
-        let after = activate(g, activation, before.value);
-        let slope = after.slope(g);
-        x = Dual {
-            value: after.value,
-            tangents: g.mul(before.tangents, slope),
-        };
+        let before = affine.dual(g, &x);
+        x = Entering::Dual(activate(g, activation, before));
     }
     x
 }
 
-/// A hidden layer after its activation.
-struct Activated {
-    value: Value,
-    /// σ(x).
-    sigmoid: Value,
-}
-
-fn activate(g: &mut Graph, activation: Activation, x: Value) -> Activated {
+fn activate(g: &mut Graph, activation: Activation, x: Dual) -> Dual {
     match activation {
         Activation::Silu => {
-            let sigmoid = g.unary("Sigmoid", x);
-            Activated {
-                value: g.mul(x, sigmoid),
-                sigmoid,
+            let (value, sigmoid) = silu(g, x.value);
+            // σ·(1 + x·(1 − σ)) = σ + y·(1 − σ) with y = x·σ.
+            let rest = g.one_minus(sigmoid);
+            let bend = g.mul(value, rest);
+            let slope = g.add(sigmoid, bend);
+            Dual {
+                value,
+                tangents: g.mul(x.tangents, slope),
+            }
+        }
+        Activation::Relu => {
+            let zero = g.scalar(0.0);
+            let passes = g.greater(x.value, zero);
+            Dual {
+                value: g.unary("Relu", x.value),
+                tangents: g.select(passes, x.tangents, zero),
             }
         }
     }
 }
 
-impl Activated {
-    /// Derivative of the activation: σ·(1 + x·(1 − σ)) = σ + y·(1 − σ) with y = x·σ.
-    fn slope(&self, g: &mut Graph) -> Value {
-        let rest = g.one_minus(self.sigmoid);
-        let bend = g.mul(self.value, rest);
-        g.add(self.sigmoid, bend)
-    }
+/// x·σ(x) and σ(x).
+fn silu(g: &mut Graph, x: Value) -> (Value, Value) {
+    let sigmoid = g.unary("Sigmoid", x);
+    (g.mul(x, sigmoid), sigmoid)
 }

@@ -1,10 +1,47 @@
-//! What happens to a query before and after the network: fold, limits of u, and the answer to invalid ones.
+//! What is asked of raw queries before the network sees them, and the answer to invalid ones.
 
 use crate::graph::{Graph, Value};
-use bake_runtime::spec::{Symmetry, U_MIN};
+use bake_runtime::NetworkSpec;
+use bake_runtime::spec::{EXPONENT_MAX, U_MIN, params_port};
 
 /// Largest f32 below 1, and so the largest u that a renderer can draw.
 const U_MAX: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// The inputs of a graph.
+pub struct Query {
+    /// Free parameters, `[N, 1]` each.
+    pub params: Vec<Value>,
+    /// Camera direction, `[N, 3]`.
+    pub wo: Value,
+    /// u or wi.
+    pub other: Value,
+    /// `[N, 1]`: whether parameters are finite and `wo` lies above the horizon.
+    pub valid: Value,
+}
+
+impl Query {
+    /// Declares the inputs of the graph of a network: parameters, where any are free, then those of its role.
+    pub fn new(g: &mut Graph, spec: &NetworkSpec) -> Query {
+        g.scope("query");
+        let free = spec.material.free().len();
+        let params = (free > 0).then(|| g.input(&params_port(free)));
+        let [wo, other] = spec.role.graph_inputs().each_ref().map(|port| g.input(port));
+        let above = above_horizon(g, wo);
+        let (params, valid) = match params {
+            None => (Vec::new(), above),
+            Some(params) => {
+                let finite = is_finite(g, params);
+                (g.column_list(params, free), g.and(finite, above))
+            }
+        };
+        Query {
+            params,
+            wo,
+            other,
+            valid,
+        }
+    }
+}
 
 /// `[N, 1]`: whether the direction `w` `[N, 3]` is finite and above the horizon.
 pub fn above_horizon(g: &mut Graph, w: Value) -> Value {
@@ -13,19 +50,6 @@ pub fn above_horizon(g: &mut Graph, w: Value) -> Value {
     let above = g.greater(z, zero);
     let finite = is_finite(g, w);
     g.and(above, finite)
-}
-
-/// `wo` folded by `symmetry`, and the signs `[N, 3]` that fold and unfold `wi`.
-///
-/// z needs no case of its own: it is positive wherever the answer counts.
-pub fn fold(g: &mut Graph, symmetry: Symmetry, wo: Value) -> (Value, Value) {
-    match symmetry {
-        Symmetry::Quadrant => {
-            let (zero, plus, minus) = (g.scalar(0.0), g.scalar(1.0), g.scalar(-1.0));
-            let negative = g.less(wo, zero);
-            (g.unary("Abs", wo), g.select(negative, minus, plus))
-        }
-    }
 }
 
 /// u limited to [`U_MIN`]..=[`U_MAX`]; NaN becomes [`U_MIN`].
@@ -49,4 +73,10 @@ fn is_finite(g: &mut Graph, a: Value) -> Value {
     let largest = g.scalar(f32::MAX);
     let sum = g.row_l1(a);
     g.less_or_equal(sum, largest)
+}
+
+/// e^x with |x| limited to [`EXPONENT_MAX`].
+pub fn bounded_exp(g: &mut Graph, x: Value) -> Value {
+    let limited = g.clip(x, EXPONENT_MAX as f32);
+    g.unary("Exp", limited)
 }

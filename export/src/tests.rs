@@ -1,30 +1,34 @@
-//! The structure of exported files. That their numbers are right is shown by `tests/parity.rs` of the workspace.
+//! The structure of exported files. That their numbers are right is shown by `tests/onnxruntime` of the workspace.
 
 use crate::graph::BATCH_AXIS;
-use crate::proto::{DataType, Extent, ModelProto, ValueInfoProto};
+use crate::proto::{DataType, Extent, GraphProto, ModelProto, ValueInfoProto};
 use crate::{export, to_onnx};
+use bake_runtime::anchor::Anchor;
+use bake_runtime::encoding::{Encoding, Quantity};
 use bake_runtime::network::parse_spec;
-use bake_runtime::spec::{Port, SPEC_KEY};
-use bake_runtime::{BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Role};
+use bake_runtime::spec::{
+    Activation, ChartsSpec, FORMAT, Geometry, Input, Port, Roughness, SPEC_KEY, Symmetry, params_port,
+};
+use bake_runtime::{BakedMaterial, Dense, Material, Network, NetworkSpec, Role};
 use prost::Message;
 use std::collections::HashSet;
 
 #[test]
 fn inputs_and_outputs_are_those_of_the_role() {
-    for role in Role::ALL {
-        let graph = decode(&to_onnx(&network(role)))
-            .graph
-            .expect("a model has a graph");
-        assert_ports(&graph.input, role.graph_inputs());
+    for (material, role) in cases() {
+        let graph = graph(&material, role);
+        let free = material.sample.spec.material.free().len();
+        let params = (free > 0).then(|| params_port(free));
+        let inputs: Vec<Port> = params.into_iter().chain(*role.graph_inputs()).collect();
+        assert_ports(&graph.input, &inputs);
         assert_ports(&graph.output, role.graph_outputs());
     }
 }
 
 #[test]
 fn the_specification_travels_in_the_metadata() {
-    for role in Role::ALL {
-        let network = network(role);
-        let model = decode(&to_onnx(&network));
+    for (material, role) in cases() {
+        let model = decode(&to_onnx(&material, role));
         let entry = model
             .metadata_props
             .iter()
@@ -32,7 +36,7 @@ fn the_specification_travels_in_the_metadata() {
             .expect("the key is there");
         assert_eq!(
             parse_spec(entry.value()).expect("what is written can be read"),
-            network.spec
+            of_role(&material, role).spec
         );
         assert_eq!(
             (model.producer_name(), model.producer_version()),
@@ -44,10 +48,8 @@ fn the_specification_travels_in_the_metadata() {
 
 #[test]
 fn nodes_are_sorted_and_every_name_is_defined_once() {
-    for role in Role::ALL {
-        let graph = decode(&to_onnx(&network(role)))
-            .graph
-            .expect("a model has a graph");
+    for (material, role) in cases() {
+        let graph = graph(&material, role);
         let mut defined = HashSet::new();
         let constants = graph.initializer.iter().map(|tensor| tensor.name());
         for name in graph.input.iter().map(|input| input.name()).chain(constants) {
@@ -66,12 +68,33 @@ fn nodes_are_sorted_and_every_name_is_defined_once() {
     }
 }
 
+/// Of two charts the Jacobian takes the densities of the pdf network; of one it does not.
+#[test]
+fn weights_are_those_of_the_networks_that_the_answers_take() {
+    for (material, role) in cases() {
+        let (mut own, mut of_pdf) = (0, 0);
+        for tensor in &graph(&material, role).initializer {
+            let elements = tensor.dims.iter().product::<i64>() as usize;
+            match tensor.name().split('.').next() {
+                Some("net" | "frame") => own += elements,
+                Some("pdf") => of_pdf += elements,
+                _ => {}
+            }
+        }
+        let charts = material.sample.spec.charts().map_or(0, |c| c.anchors.len());
+        assert_eq!(own, of_role(&material, role).spec.parameters());
+        let expected = match role == Role::Sample && charts == 2 {
+            true => material.pdf.spec.parameters(),
+            false => 0,
+        };
+        assert_eq!(of_pdf, expected);
+    }
+}
+
 #[test]
 fn constants_have_the_size_they_declare_and_are_stored_once() {
-    for role in Role::ALL {
-        let network = network(role);
-        let graph = decode(&to_onnx(&network)).graph.expect("a model has a graph");
-        let mut weights = 0;
+    for (material, role) in cases() {
+        let graph = graph(&material, role);
         let mut shared = HashSet::new();
         for tensor in &graph.initializer {
             let elements = tensor.dims.iter().product::<i64>() as usize;
@@ -81,36 +104,29 @@ fn constants_have_the_size_they_declare_and_are_stored_once() {
                 size_of::<i64>()
             };
             assert_eq!(tensor.raw_data().len(), elements * width, "{}", tensor.name());
-            let name = tensor.name();
-            if name.starts_with("net.") || name.starts_with("frame.") {
-                weights += elements;
-            } else if name.starts_with("constant.") {
+            if tensor.name().starts_with("constant.") {
                 assert!(
                     shared.insert((tensor.dims.clone(), tensor.raw_data())),
-                    "{name} is stored twice"
+                    "{} is stored twice",
+                    tensor.name()
                 );
             }
         }
-        assert_eq!(weights, network.spec.parameters());
     }
 }
 
 #[test]
 fn export_writes_the_same_bytes_every_time_and_nothing_else() {
-    let material = BakedMaterial {
-        sample: network(Role::Sample),
-        eval: network(Role::Eval),
-        pdf: network(Role::Pdf),
-    };
+    let material = material(2, true);
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     for _ in 0..2 {
         export(&material, folder.path()).expect("a temporary folder can be written");
-        for network in [&material.sample, &material.eval, &material.pdf] {
-            let path = folder
-                .path()
-                .join(network.spec.role.name())
-                .with_extension("onnx");
-            assert_eq!(std::fs::read(&path).expect("just written"), to_onnx(network));
+        for role in Role::ALL {
+            let path = folder.path().join(role.name()).with_extension("onnx");
+            assert_eq!(
+                std::fs::read(&path).expect("just written"),
+                to_onnx(&material, role)
+            );
         }
         assert_eq!(
             std::fs::read_dir(folder.path()).expect("just written").count(),
@@ -124,12 +140,7 @@ fn an_unwritable_folder_is_named() {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let file = folder.path().join("file");
     std::fs::write(&file, "in the way").expect("a temporary folder can be written");
-    let material = BakedMaterial {
-        sample: network(Role::Sample),
-        eval: network(Role::Eval),
-        pdf: network(Role::Pdf),
-    };
-    let error = export(&material, &file)
+    let error = export(&material(1, false), &file)
         .expect_err("a file is no folder")
         .to_string();
     assert!(
@@ -165,17 +176,80 @@ fn assert_ports(infos: &[ValueInfoProto], ports: &[Port]) {
     }
 }
 
-fn network(role: Role) -> Network {
-    let given: &[(&str, &[f64])] = &[("alpha", &[0.3, 0.1]), ("reflectance", &[1.0, 0.782, 0.344])];
-    let material = Material::fixed("vase", Family::Conductor, given).expect("valid parameters");
-    let spec = NetworkSpec::warp(role, material, [0.3, 0.1], vec![6, 5], vec![4]);
-    let layer = |(inputs, outputs): (usize, usize)| Dense {
-        weight: (0..inputs * outputs).map(|i| (i as f32).sin()).collect(),
-        bias: (0..outputs).map(|i| (i as f32).cos()).collect(),
-        inputs,
-        outputs,
+fn graph(material: &BakedMaterial, role: Role) -> GraphProto {
+    decode(&to_onnx(material, role))
+        .graph
+        .expect("a model has a graph")
+}
+
+fn of_role(material: &BakedMaterial, role: Role) -> &Network {
+    match role {
+        Role::Sample => &material.sample,
+        Role::Eval => &material.eval,
+        Role::Pdf => &material.pdf,
+    }
+}
+
+/// Every role of materials with no, one and two charts, with and without free parameters.
+fn cases() -> impl Iterator<Item = (BakedMaterial, Role)> {
+    let materials = (0..3).flat_map(|charts| [false, true].map(|free| material(charts, free)));
+    materials.flat_map(|material| Role::ALL.map(|role| (material.clone(), role)))
+}
+
+/// Networks of the vase, with this number of charts.
+fn material(charts: usize, free: bool) -> BakedMaterial {
+    let alpha = if free {
+        r#"{"min": 0.1, "max": 0.3}"#
+    } else {
+        "0.3"
     };
-    let frame = spec.frame_layers().into_iter().map(layer).collect();
-    let net = spec.layers().into_iter().map(layer).collect();
-    Network { spec, frame, net }
+    let json = format!(
+        r#"{{"name": "vase", "family": "conductor", "alpha": [{alpha}, 0.1], "reflectance": [1.0, 0.782, 0.344]}}"#
+    );
+    let material: Material = serde_json::from_str(&json).expect("a valid description");
+    let network = |role| {
+        let spec = spec(role, &material, charts, free);
+        spec.validate().expect("a sound specification");
+        let layer = |(inputs, outputs): (usize, usize)| Dense {
+            weight: (0..inputs * outputs).map(|i| (i as f32).sin()).collect(),
+            bias: (0..outputs).map(|i| (i as f32).cos()).collect(),
+            inputs,
+            outputs,
+        };
+        let frame = spec.frame_layers().into_iter().map(layer).collect();
+        let net = spec.layers().into_iter().map(layer).collect();
+        Network { spec, frame, net }
+    };
+    BakedMaterial {
+        sample: network(Role::Sample),
+        eval: network(Role::Eval),
+        pdf: network(Role::Pdf),
+    }
+}
+
+fn spec(role: Role, material: &Material, charts: usize, free: bool) -> NetworkSpec {
+    let wo = Input::plain(Quantity::Wo, Encoding::Grazing);
+    let other = match role {
+        Role::Sample => Input::plain(Quantity::U, Encoding::Frequency(3)),
+        Role::Eval | Role::Pdf => Input::plain(Quantity::WiDisk, Encoding::OneBlob(4)),
+    };
+    let parameter = free.then(|| Input::plain(Quantity::Parameter(0), Encoding::Centred));
+    NetworkSpec {
+        format: FORMAT,
+        role,
+        material: material.clone(),
+        symmetry: Symmetry::Quadrant,
+        inputs: [other, wo].into_iter().chain(parameter).collect(),
+        hidden: vec![6, 5],
+        activation: Activation::Silu,
+        geometry: match charts {
+            0 => Geometry::Disk,
+            _ => Geometry::Charts(ChartsSpec {
+                anchors: [Anchor::Mirror, Anchor::Diffuse][..charts].to_vec(),
+                alpha: [0.3, 0.1].map(Roughness::Fixed),
+                inputs: vec![wo],
+                hidden: vec![4],
+            }),
+        },
+    }
 }

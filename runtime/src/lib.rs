@@ -30,7 +30,7 @@ pub mod microfacet;
 pub mod moments;
 pub mod native;
 pub mod network;
-#[cfg(any())]
+#[cfg(feature = "ort")]
 pub mod onnxruntime;
 pub mod oracle;
 pub mod principled;

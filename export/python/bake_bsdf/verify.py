@@ -6,7 +6,8 @@ and expected outputs, lists of rows, and ``tolerance`` maps each output to its o
 
     {"tolerance": {"wi": 1e-5, ...}, "sample": {"wo": [[x, y, z], ...], "u": [...], "wi": [...], ...}, ...}
 
-A difference is max |a − b| / max(1, |b|). Exit status: 0 when all is well, 1 on a mismatch, 2 on bad input.
+Where the material leaves parameters free, each role has ``params`` as well, and parameters that are given once must
+answer as if every query had them. A difference is max |a − b| / max(1, |b|). Exit status: 0 when all is well, 1 on a mismatch, 2 on bad input.
 """
 
 import json
@@ -29,9 +30,9 @@ def check_file(path):
     onnx.shape_inference.infer_shapes(model, check_type=True, strict_mode=True, data_prop=True)
 
 
-def run(material, role, *inputs):
-    """The outputs of one network, always as a tuple."""
-    answer = getattr(material, role)(*inputs)
+def run(material, role, rows, params=None):
+    """The outputs of one network for the inputs in ``rows``, always as a tuple."""
+    answer = getattr(material, role)(*(rows[name] for name in INPUTS[role]), params=params)
     return tuple(answer) if role == "sample" else (answer,)
 
 
@@ -49,9 +50,17 @@ def verify(folder, vectors):
     good = True
     for role in INPUTS:
         check_file(Path(folder) / f"{role}.onnx")
-        rows = vectors[role]
-        empty = run(material, role, *(np.asarray(rows[name])[:0] for name in INPUTS[role]))
-        answers = run(material, role, *(rows[name] for name in INPUTS[role]))
+        rows = {name: np.asarray(values) for name, values in vectors[role].items()}
+        params = rows.get("params")
+        none_of = {name: values[:0] for name, values in rows.items()}
+        empty = run(material, role, none_of, none_of.get("params"))
+        answers = run(material, role, rows, params)
+        if params is not None:
+            once = run(material, role, rows, params[0])
+            repeated = run(material, role, rows, np.repeat(params[:1], len(params), axis=0))
+            same = all(np.array_equal(a, b) for a, b in zip(once, repeated, strict=True))
+            good &= same
+            print(f"{role}: parameters given once, {'ok' if same else 'MISMATCH'}")
         for name, none, found in zip(OUTPUTS[role], empty, answers, strict=True):
             difference = max_difference(found, rows[name])
             within = difference <= vectors["tolerance"][name] and none.shape == (0, found.shape[1])

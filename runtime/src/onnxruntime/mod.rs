@@ -1,6 +1,6 @@
 //! Runs the exported ONNX models through onnxruntime, on one thread (feature `ort`).
 //!
-//! Encodings, frame and Jacobian are inside the models, so this only packs raw queries into tensors and takes
+//! Encodings, charts and Jacobian are inside the models, so this only packs raw queries into tensors and takes
 //! the answers apart. The library is loaded when the first backend is made; see [`library_path`].
 
 mod library;
@@ -8,7 +8,7 @@ mod model;
 
 pub use library::{ONNXRUNTIME_PINNED, library_path};
 
-use crate::backend::Backend;
+use crate::backend::{Backend, Points};
 use crate::error::{Error, Result};
 use crate::spec::Role;
 use model::Model;
@@ -16,7 +16,8 @@ use std::path::Path;
 
 /// Runs `sample.onnx`, `eval.onnx` and `pdf.onnx` of one folder; a session for each, one thread.
 ///
-/// `sample.onnx` always computes weight and Jacobian together, so both `sample` methods cost the same.
+/// `sample.onnx` always computes weight and Jacobian together, so both `sample` methods cost the same. A parameter that is
+/// not finite makes its query invalid.
 pub struct OrtBackend {
     sample: Model,
     eval: Model,
@@ -44,6 +45,13 @@ impl OrtBackend {
                 ));
             }
         }
+        let charts = |model: &Model| model.spec.charts().map_or(0, |c| c.anchors.len());
+        if charts(&backend.pdf) != charts(&backend.sample) {
+            return Err(Error::network(
+                &backend.pdf.path,
+                "it has another number of charts than sample.onnx",
+            ));
+        }
         Ok(backend)
     }
 }
@@ -51,32 +59,32 @@ impl OrtBackend {
 impl Backend for OrtBackend {
     fn sample_learned(
         &mut self,
-        wo: [&[f32]; 3],
+        points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
         weight: [&mut [f32]; 3],
     ) -> Result<()> {
-        self.sample
-            .run([&wo, &u], &mut [("wi", wi.into()), ("weight", weight.into())])
+        let outputs = &mut [("wi", wi.into()), ("weight", weight.into())];
+        self.sample.run(points, &u, outputs)
     }
 
     fn sample_jacobian(
         &mut self,
-        wo: [&[f32]; 3],
+        points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
         jacobian: &mut [f32],
     ) -> Result<()> {
-        self.sample
-            .run([&wo, &u], &mut [("wi", wi.into()), ("jacobian", vec![jacobian])])
+        let outputs = &mut [("wi", wi.into()), ("jacobian", vec![jacobian])];
+        self.sample.run(points, &u, outputs)
     }
 
-    fn eval(&mut self, wo: [&[f32]; 3], wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()> {
-        self.eval.run([&wo, &wi], &mut [("f_cos", f_cos.into())])
+    fn eval(&mut self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()> {
+        self.eval.run(points, &wi, &mut [("f_cos", f_cos.into())])
     }
 
-    fn pdf(&mut self, wo: [&[f32]; 3], wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
-        self.pdf.run([&wo, &wi], &mut [("pdf", vec![pdf])])
+    fn pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
+        self.pdf.run(points, &wi, &mut [("pdf", vec![pdf])])
     }
 }
 

@@ -1,10 +1,10 @@
 //! One ONNX file in an onnxruntime session: loading with every check, and batches in and out.
 
 use super::library::environment;
-use crate::backend::check_lengths;
+use crate::backend::{Points, check_lengths};
 use crate::error::{Error, Result};
 use crate::network::parse_spec;
-use crate::spec::{NetworkSpec, Port, Role, SPEC_KEY};
+use crate::spec::{NetworkSpec, Port, Role, SPEC_KEY, params_port};
 use ort::environment::Environment;
 use ort::logging::LogLevel;
 use ort::session::Session;
@@ -25,8 +25,10 @@ pub struct Model {
     /// The file it came from.
     pub path: PathBuf,
     session: Session,
+    /// Inputs in order.
+    ports: Vec<Port>,
     /// Row-major `[N, width]` for each input, kept from call to call.
-    rows: [Vec<f32>; 2],
+    rows: Vec<Vec<f32>>,
 }
 
 impl Model {
@@ -41,53 +43,59 @@ impl Model {
         if spec.role != role {
             return Err(foreign(format!("it is a {} network", spec.role.name())));
         }
-        check_ports("input", session.inputs(), role.graph_inputs()).map_err(foreign)?;
+        let free = spec.material.free().len();
+        let params = (free > 0).then(|| params_port(free));
+        let ports: Vec<Port> = params.into_iter().chain(*role.graph_inputs()).collect();
+        check_ports("input", session.inputs(), &ports).map_err(foreign)?;
         check_ports("output", session.outputs(), role.graph_outputs()).map_err(foreign)?;
         Ok(Model {
             spec,
             path,
             session,
-            rows: [Vec::new(), Vec::new()],
+            rows: vec![Vec::new(); ports.len()],
+            ports,
         })
     }
 
-    /// Runs a batch in chunks. `inputs` are structures of arrays in the order of [`Role::graph_inputs`].
-    pub fn run(&mut self, inputs: [&[&[f32]]; 2], outputs: &mut [Output]) -> Result<()> {
-        let ports = self.spec.role.graph_inputs();
-        let count = inputs[0][0].len();
-        for (port, arrays) in ports.iter().zip(inputs) {
-            check_all(count, port.name, arrays.iter().map(|a| a.len()))?;
-        }
+    /// Runs a batch in chunks: `points`, and the structure of arrays `other` that the role asks for besides.
+    pub fn run(&mut self, points: Points, other: &[&[f32]], outputs: &mut [Output]) -> Result<()> {
+        let [camera, second] = self.spec.role.graph_inputs();
+        points.check(self.spec.material.free().len())?;
+        let count = points.len();
+        check_all(count, second.name, other.iter().map(|a| a.len()))?;
         for (name, arrays) in outputs.iter() {
             check_all(count, name, arrays.iter().map(|a| a.len()))?;
         }
         for start in (0..count).step_by(CHUNK) {
-            self.run_chunk(inputs, outputs, start, CHUNK.min(count - start))?;
+            let end = count.min(start + CHUNK);
+            for (port, rows) in self.ports.iter().zip(&mut self.rows) {
+                let columns = match port.name {
+                    name if name == camera.name => &points.wo,
+                    name if name == second.name => other,
+                    _ => points.params,
+                };
+                rows.clear();
+                // A column of one value holds for every query.
+                let at = |column: &[f32], i: usize| if column.len() == 1 { column[0] } else { column[i] };
+                rows.extend((start..end).flat_map(|i| columns.iter().map(move |column| at(column, i))));
+            }
+            self.run_chunk(outputs, start, end - start)?;
         }
         Ok(())
     }
 
-    fn run_chunk(
-        &mut self,
-        inputs: [&[&[f32]]; 2],
-        outputs: &mut [Output],
-        start: usize,
-        count: usize,
-    ) -> Result<()> {
+    /// Runs the rows that are packed.
+    fn run_chunk(&mut self, outputs: &mut [Output], start: usize, count: usize) -> Result<()> {
         let path = &self.path;
         let failed = |e: ort::Error| {
             Error::Onnxruntime(format!("{}: onnxruntime could not run it: {e}", path.display()))
         };
-        for (rows, arrays) in self.rows.iter_mut().zip(inputs) {
-            rows.clear();
-            rows.extend((start..start + count).flat_map(|i| arrays.iter().map(move |a| a[i])));
-        }
-        let ports = self.spec.role.graph_inputs();
-        let [first, second] = &self.rows;
-        let tensor =
-            |port: &Port, rows| TensorRef::from_array_view(([count, port.width], rows)).map_err(failed);
-        let (first, second) = (tensor(&ports[0], &first[..])?, tensor(&ports[1], &second[..])?);
-        let answers = self.session.run(ort::inputs![first, second]).map_err(failed)?;
+        let packed = self.ports.iter().zip(&self.rows).map(|(port, rows)| {
+            let tensor = TensorRef::from_array_view(([count, port.width], &rows[..]))?;
+            Ok((port.name, tensor))
+        });
+        let inputs: Vec<_> = packed.collect::<ort::Result<_>>().map_err(failed)?;
+        let answers = self.session.run(inputs).map_err(failed)?;
         for (name, arrays) in outputs.iter_mut() {
             let answer = answers
                 .get(*name)

@@ -1,150 +1,23 @@
-//! The onnxruntime backend at its edges: odd batches, invalid queries, bad model files, bad libraries.
+//! Damaged and foreign model files, bad libraries.
 //!
 //! onnxruntime is loaded once per process, so every bad library is tried in a process of its own: this test
 //! program again, told to run only [`child_that_loads_a_model`].
 
-#[path = "support/networks.rs"]
-mod networks;
-mod support;
-
+use crate::specifications::{Places, random_networks};
+use crate::support::python::python;
+use crate::{exported, small};
+use bake_runtime::Error;
 use bake_runtime::onnxruntime::{ONNXRUNTIME_PINNED, OrtBackend, library_path};
-use bake_runtime::{Backend, Error};
-use networks::random_material;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use support::python::python;
 
 /// Set for the child: the file it writes its error to.
 const REPORT_VARIABLE: &str = "BAKE_TEST_REPORT";
 
-/// Sizes of a batch: around one and around every power of two that a chunk may have.
-const SIZES: [usize; 8] = [0, 1, 2, 255, 257, 1024, 1025, 4097];
-
-/// Sums of a dozen f32 terms of size 1, in another order.
-const ROUNDING_TOL: f32 = 1e-6;
-
-#[test]
-fn batches_of_any_size_give_the_same_answers() {
-    python();
-    let folder = exported();
-    let mut ort = OrtBackend::new(folder.path()).expect("exported models load");
-    let largest = SIZES.into_iter().max().expect("there are sizes");
-    let column = |step: f32| -> Vec<f32> { (0..largest).map(|i| (i as f32 * step).fract()).collect() };
-    let (u, v, z) = (column(0.618_034), column(0.754_877_7), vec![1.0; largest]);
-    let zero = vec![0.0; largest];
-    let mut draw = |n: usize| {
-        let mut wi = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
-        let mut jacobian = vec![0.0; n];
-        let out = wi.each_mut().map(Vec::as_mut_slice);
-        ort.sample_jacobian(
-            [&zero[..n], &zero[..n], &z[..n]],
-            [&u[..n], &v[..n]],
-            out,
-            &mut jacobian,
-        )
-        .unwrap_or_else(|e| panic!("{n} queries: {e}"));
-        (wi, jacobian)
-    };
-    let (all, _) = draw(largest);
-    for n in SIZES {
-        let (wi, jacobian) = draw(n);
-        assert_eq!(jacobian.len(), n);
-        for c in 0..3 {
-            // Sizes take different kernels of onnxruntime, which round differently.
-            let apart = wi[c]
-                .iter()
-                .zip(&all[c])
-                .map(|(a, b)| (a - b).abs())
-                .fold(0.0, f32::max);
-            assert!(
-                apart <= ROUNDING_TOL,
-                "{n} queries: component {c} of wi differs by {apart:e}"
-            );
-        }
-    }
-}
-
-#[test]
-fn slices_of_different_length_are_an_error() {
-    python();
-    let folder = exported();
-    let mut ort = OrtBackend::new(folder.path()).expect("exported models load");
-    let (two, three) = ([0.5; 2], [0.5; 3]);
-    let mut pdf = [0.0; 3];
-    let error = ort
-        .pdf([&three, &three, &three], [&three, &two, &three], &mut pdf)
-        .expect_err("lengths differ");
-    assert!(
-        matches!(
-            error,
-            Error::BatchLength {
-                name: "wi",
-                expected: 3,
-                found: 2
-            }
-        ),
-        "{error}"
-    );
-}
-
-#[test]
-fn invalid_queries_give_zeros_and_the_normal() {
-    python();
-    let folder = exported();
-    let mut ort = OrtBackend::new(folder.path()).expect("exported models load");
-    let nan = f32::NAN;
-    let directions = [
-        [0.0, 0.0, -1.0],
-        [1.0, 0.0, 0.0],
-        [nan, 0.0, 1.0],
-        [0.0, f32::INFINITY, 1.0],
-        [0.0, 0.0, nan],
-        [0.6, 0.0, 0.8],
-    ];
-    let n = directions.len();
-    let soa: [Vec<f32>; 3] = std::array::from_fn(|c| directions.iter().map(|d| d[c]).collect());
-    let w = soa.each_ref().map(Vec::as_slice);
-    let u = vec![0.25; n];
-    let mut out = [(); 7].map(|()| vec![nan; n]);
-    let [x, y, z, r, g, b, j] = out.each_mut().map(Vec::as_mut_slice);
-    ort.sample_learned([w[0], w[1], w[2]], [&u, &u], [x, y, z], [r, g, b])
-        .expect("invalid queries are answered");
-    ort.pdf([w[0], w[1], w[2]], [w[0], w[1], w[2]], j)
-        .expect("invalid queries are answered");
-    for i in 0..n - 1 {
-        let row = out.each_ref().map(|column| column[i]);
-        assert_eq!(
-            row,
-            [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-            "query {i}, {:?}",
-            directions[i]
-        );
-    }
-    assert!(
-        out[3][n - 1] > 0.0 && out[6][n - 1] > 0.0,
-        "the valid query among them is answered"
-    );
-}
-
-#[test]
-fn u_outside_its_range_gives_finite_answers() {
-    python();
-    let folder = exported();
-    let mut ort = OrtBackend::new(folder.path()).expect("exported models load");
-    let u = [0.0, 1.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
-    let v = [0.5; 6];
-    let (zero, one) = ([0.0; 6], [1.0; 6]);
-    let mut out = [[f32::NAN; 6]; 4];
-    let [x, y, z, jacobian] = out.each_mut().map(|a| &mut a[..]);
-    ort.sample_jacobian([&zero, &zero, &one], [&u, &v], [x, y, z], jacobian)
-        .expect("every u is answered");
-    assert!(out.iter().flatten().all(|value| value.is_finite()), "{out:?}");
-}
-
 #[test]
 fn damaged_and_foreign_models_are_named() {
     python();
-    let folder = exported();
+    let folder = exported(&small());
     let path = folder.path().join("eval.onnx");
     let whole = std::fs::read(&path).expect("just written");
     let sample = std::fs::read(folder.path().join("sample.onnx")).expect("just written");
@@ -166,9 +39,29 @@ fn damaged_and_foreign_models_are_named() {
 }
 
 #[test]
+fn models_that_do_not_belong_together_are_named() {
+    python();
+    let folder = exported(&random_networks(Places::OneChart, false, 0));
+    let other = |places, free, name: &str| {
+        let other = exported(&random_networks(places, free, 0));
+        std::fs::copy(other.path().join(name), folder.path().join(name)).expect("both folders can be used");
+        match OrtBackend::new(folder.path()) {
+            Err(Error::Network { path, reason }) => {
+                assert_eq!(path, folder.path().join(name));
+                reason
+            }
+            Err(other) => panic!("{name}: {other}"),
+            Ok(_) => panic!("{name} of another material was accepted"),
+        }
+    };
+    assert!(other(Places::TwoCharts, false, "pdf.onnx").contains("charts"));
+    assert!(other(Places::OneChart, true, "eval.onnx").contains("another material"));
+}
+
+#[test]
 fn bad_libraries_are_errors_that_say_what_to_install() {
     python();
-    let folder = exported();
+    let folder = exported(&small());
     let missing = folder.path().join("libonnxruntime.so");
     let text = folder.path().join("text.so");
     std::fs::write(&text, "not a library").expect("a temporary folder can be written");
@@ -223,7 +116,7 @@ fn child_that_loads_a_model() {
 fn error_with_library(library: &Path, folder: &Path) -> String {
     let report = folder.join("report.txt");
     let output = Command::new(std::env::current_exe().expect("this program has a path"))
-        .args(["--exact", "child_that_loads_a_model"])
+        .args(["--exact", "files::child_that_loads_a_model"])
         .env("ORT_DYLIB_PATH", library)
         .env(REPORT_VARIABLE, &report)
         .current_dir(folder)
@@ -280,12 +173,4 @@ fn without_metadata(model: &[u8]) -> Vec<u8> {
         .rposition(|&byte| byte == tag)
         .expect("the entry begins with its tag");
     model[..start].to_vec()
-}
-
-/// A temporary folder with the ONNX files of a small network.
-fn exported() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().expect("a temporary folder can be made");
-    bake_export::export(&random_material(&[8], &[4], 0), folder.path())
-        .expect("a temporary folder can be written");
-    folder
 }
