@@ -3,17 +3,19 @@
 use crate::charts::ChartsNetwork;
 use crate::database;
 use crate::error::Result;
-use crate::maps::{self, Charts, Job, Summary};
+use crate::maps::{self, Charts, Job, MappedSlice, Summary};
 use crate::optimiser::Rule;
-use crate::places;
+use crate::places::{self, Place};
 use crate::presets::Preset;
 use crate::training::data::TrainingSet;
+use crate::training::disk::{self, DiskSet};
 use crate::training::mlp::Mlp;
 use crate::training::run::Plan;
 use crate::training::schedule::Schedule;
 use crate::training::{density, sample};
 use crate::transport::Solver;
-use bake_runtime::{BakedMaterial, Material, Network, NetworkSpec, Role};
+use bake_runtime::{BakedMaterial, Dense, Material, Network, NetworkSpec, Role};
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -23,31 +25,42 @@ use std::time::Instant;
 pub struct Effort {
     /// Number of slices.
     pub slices: usize,
-    /// Steps of the frame, sampling, evaluation and pdf networks.
+    /// Steps of the charts', sampling, evaluation and pdf networks.
     pub steps: [u64; 4],
     /// Samples per step.
     pub batch: usize,
 }
 
 impl Effort {
-    /// The shipped models.
-    pub const FULL: Effort = Effort {
-        slices: 768,
-        steps: [4000, 10_000, 8000, 4000],
-        batch: 4096,
-    };
-    /// A first look in a minute.
-    pub const QUICK: Effort = Effort {
-        slices: 128,
-        steps: [1500, 2000, 1000, 500],
-        batch: 4096,
-    };
+    /// What `material` is worth: a few minutes where only `wo` is free, up to an hour of one core per network where
+    /// parameters are; a `quick` look takes a minute.
+    pub fn of(preset: Preset, material: &Material, quick: bool) -> Effort {
+        let wide = !material.free().is_empty();
+        let (slices, steps) = match (preset, wide, quick) {
+            (Preset::Warp, false, false) => (512, [4000, 6000, 6000, 3000]),
+            (Preset::Warp, false, true) => (128, [1500, 1000, 1000, 500]),
+            (Preset::Warp, true, false) => (8192, [20_000, 40_000, 40_000, 10_000]),
+            (Preset::Warp, true, true) => (512, [2000, 2000, 2000, 500]),
+            (Preset::Paper, false, false) => (512, [0, 12_000, 12_000, 6000]),
+            (Preset::Paper, false, true) => (64, [0, 500, 500, 250]),
+            (Preset::Paper, true, false) => (8192, [0, 40_000, 40_000, 20_000]),
+            (Preset::Paper, true, true) => (256, [0, 500, 500, 250]),
+        };
+        Effort {
+            slices,
+            steps,
+            batch: 8192,
+        }
+    }
 }
 
-/// Peak learning rates of the charts' network, and of the other three.
+/// Peak learning rates of the charts' network, and of the other three of the warp preset.
 const CHARTS_RATE: f64 = 1e-2;
 /// See [`CHARTS_RATE`].
-const RATE: f64 = 4e-3;
+const WARP_RATE: f64 = 4e-3;
+/// Peak learning rate of the paper preset. The paper's 1e-4 belongs to batches of a million and 500 epochs; with batches a
+/// hundred times smaller and a thousandth of the samples, this one leads farther.
+const PAPER_RATE: f64 = 2e-3;
 
 /// A stage of the bake, for progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,97 +118,191 @@ pub fn bake(
     effort: Effort,
     seed: u64,
     work: &Path,
-    progress: &(dyn Fn(Stage, u64, u64) -> std::ops::ControlFlow<()> + Sync),
+    progress: Progress,
 ) -> Result<Bake> {
     let [sample_spec, eval_spec, pdf_spec] = [
         preset.spec(Role::Sample, material)?,
         preset.spec(Role::Eval, material)?,
         preset.spec(Role::Pdf, material)?,
     ];
-    let context = format!("{material:?} {effort:?}");
-    let [frame_steps, sample_steps, eval_steps, pdf_steps] = effort.steps;
-    let plan = |stage: &'static str, steps: u64, rate: f64| Plan {
-        stage,
-        steps,
-        batch: effort.batch,
-        rate,
-        schedule: Schedule::WarmUpCosine,
-        rule: Rule::Muon,
+    let oven = Oven {
+        material,
+        effort,
         seed,
+        work,
+        progress,
+        specs: [sample_spec, eval_spec, pdf_spec],
+        context: format!("{material:?} {effort:?}"),
     };
+    match preset {
+        Preset::Warp => oven.warp(),
+        Preset::Paper => oven.paper(),
+    }
+}
 
-    let started = Instant::now();
-    let tick = |stage: Stage| move |done: u64, total: u64| progress(stage, done, total);
-    let places = places::draw(material, effort.slices, seed);
-    let frame_plan = Plan {
-        batch: effort.batch / 4,
-        ..plan("charts", frame_steps, CHARTS_RATE)
-    };
-    let charts = ChartsNetwork::train(
-        &sample_spec,
-        frame_plan,
-        material,
-        &places,
-        work,
-        &tick(Stage::Charts),
-    )?;
-    let job = Job {
-        material,
-        places: &places,
-        drawn: &format!("training places, seed {seed}"),
-        charts: Charts::Predicted(&charts),
-        solver: Solver::Frame,
-        cells: maps::CELLS,
-        seed,
-    };
-    let summary = maps::compute(&job, work, &tick(Stage::Maps))?;
-    let slices = database::load(work, places.len(), &job.fingerprint())?;
-    let maps_seconds = started.elapsed().as_secs_f64();
+/// Hears (stage, done, total).
+type Progress<'a> = &'a (dyn Fn(Stage, u64, u64) -> ControlFlow<()> + Sync);
 
-    let started = Instant::now();
-    let set = Arc::new(TrainingSet::new(slices, &charts));
-    let sampler = sample::train(
-        &sample_spec,
-        plan("sample", sample_steps, RATE),
-        &set,
-        work,
-        &context,
-        &tick(Stage::Sample),
-    )?;
-    let eval = density::train_eval(
-        &eval_spec,
-        plan("eval", eval_steps, RATE),
-        material,
-        &charts,
-        work,
-        &context,
-        &tick(Stage::Eval),
-    )?;
-    let pdf = density::train_pdf(
-        &pdf_spec,
-        plan("pdf", pdf_steps, RATE),
-        &set,
-        (&sample_spec, &sampler),
-        work,
-        &context,
-        &tick(Stage::Pdf),
-    )?;
-    let train_seconds = started.elapsed().as_secs_f64();
+/// What one bake works on and with.
+struct Oven<'a> {
+    material: &'a Material,
+    effort: Effort,
+    seed: u64,
+    work: &'a Path,
+    progress: Progress<'a>,
+    /// Of the sampling, evaluation and pdf network.
+    specs: [NetworkSpec; 3],
+    context: String,
+}
 
-    let network = |spec: NetworkSpec, mlp: Mlp| Network {
-        spec,
-        frame: charts.layers.clone(),
-        net: mlp.to_dense(),
-    };
-    Ok(Bake {
-        material: BakedMaterial {
-            sample: network(sample_spec, sampler),
-            eval: network(eval_spec, eval),
-            pdf: network(pdf_spec, pdf),
-        },
-        maps_seconds,
-        train_seconds,
-        samples: (sample_steps + eval_steps + pdf_steps) * effort.batch as u64,
-        maps: summary,
-    })
+impl<'a> Oven<'a> {
+    /// The stage's plan; `network` counts as in [`Effort::steps`].
+    fn plan(
+        &self,
+        stage: &'static str,
+        network: usize,
+        rate: f64,
+        (rule, schedule): (Rule, Schedule),
+    ) -> Plan {
+        Plan {
+            stage,
+            steps: self.effort.steps[network],
+            batch: self.effort.batch,
+            rate,
+            schedule,
+            rule,
+            seed: self.seed,
+        }
+    }
+
+    fn tick(&self, stage: Stage) -> impl Fn(u64, u64) -> ControlFlow<()> + Sync + use<'a> {
+        let progress = self.progress;
+        move |done, total| progress(stage, done, total)
+    }
+
+    /// Slices and maps at `places`.
+    fn maps(&self, places: &[Place], charts: Charts, solver: Solver) -> Result<(Summary, Vec<MappedSlice>)> {
+        let job = Job {
+            material: self.material,
+            places,
+            drawn: &format!("training places, seed {}", self.seed),
+            charts,
+            solver,
+            cells: maps::CELLS,
+            seed: self.seed,
+        };
+        let summary = maps::compute(&job, self.work, &self.tick(Stage::Maps))?;
+        let slices = database::load(self.work, places.len(), &job.fingerprint())?;
+        Ok((summary, slices))
+    }
+
+    fn warp(self) -> Result<Bake> {
+        let started = Instant::now();
+        let places = places::draw(self.material, self.effort.slices, self.seed);
+        let course = (Rule::Muon, Schedule::WarmUpCosine);
+        let charts_plan = Plan {
+            batch: self.effort.batch / 4,
+            ..self.plan("charts", 0, CHARTS_RATE, course)
+        };
+        let [sample_spec, eval_spec, pdf_spec] = &self.specs;
+        let tick = self.tick(Stage::Charts);
+        let charts =
+            ChartsNetwork::train(sample_spec, charts_plan, self.material, &places, self.work, &tick)?;
+        let (summary, slices) = self.maps(&places, Charts::Predicted(&charts), Solver::Frame)?;
+        let maps_seconds = started.elapsed().as_secs_f64();
+
+        let started = Instant::now();
+        let set = Arc::new(TrainingSet::new(slices, &charts));
+        let plan = |stage, network| self.plan(stage, network, WARP_RATE, course);
+        let (work, context) = (self.work, &self.context[..]);
+        let tick = self.tick(Stage::Sample);
+        let sampler = sample::train(sample_spec, plan("sample", 1), &set, work, context, &tick)?;
+        let tick = self.tick(Stage::Eval);
+        let eval = density::train_eval(
+            eval_spec,
+            plan("eval", 2),
+            self.material,
+            &charts,
+            work,
+            context,
+            &tick,
+        )?;
+        let tick = self.tick(Stage::Pdf);
+        let pdf = density::train_pdf(
+            pdf_spec,
+            plan("pdf", 3),
+            &set,
+            (sample_spec, &sampler),
+            work,
+            context,
+            &tick,
+        )?;
+        let train_seconds = started.elapsed().as_secs_f64();
+        Ok(self.done(
+            [sampler, eval, pdf],
+            &charts.layers,
+            [maps_seconds, train_seconds],
+            summary,
+        ))
+    }
+
+    /// Where only `wo` is free, maps are made as the paper makes them; else by our solver, and expressed on the disk.
+    fn paper(self) -> Result<Bake> {
+        let started = Instant::now();
+        let places = places::draw(self.material, self.effort.slices, self.seed);
+        let solver = match self.material.free().is_empty() {
+            true => Solver::SinkhornSliced,
+            false => Solver::Frame,
+        };
+        let (summary, slices) = self.maps(&places, Charts::Fitted, solver)?;
+        let maps_seconds = started.elapsed().as_secs_f64();
+
+        let started = Instant::now();
+        let set = Arc::new(DiskSet::new(slices, solver));
+        let (adam, ranger) = (
+            (Rule::Adam, Schedule::Cosine),
+            (Rule::Ranger, Schedule::FlatCosine),
+        );
+        let train = |spec: &NetworkSpec, plan: Plan, stage: Stage| {
+            disk::train(spec, plan, &set, self.work, &self.context, &self.tick(stage))
+        };
+        let [sample_spec, eval_spec, pdf_spec] = &self.specs;
+        let sampler = train(
+            sample_spec,
+            self.plan("sample", 1, PAPER_RATE, adam),
+            Stage::Sample,
+        )?;
+        let eval = train(eval_spec, self.plan("eval", 2, PAPER_RATE, ranger), Stage::Eval)?;
+        let pdf = train(pdf_spec, self.plan("pdf", 3, PAPER_RATE, ranger), Stage::Pdf)?;
+        let train_seconds = started.elapsed().as_secs_f64();
+        Ok(self.done([sampler, eval, pdf], &[], [maps_seconds, train_seconds], summary))
+    }
+
+    fn done(
+        self,
+        networks: [Mlp; 3],
+        frame: &[Dense],
+        [maps_seconds, train_seconds]: [f64; 2],
+        maps: Summary,
+    ) -> Bake {
+        let steps: u64 = self.effort.steps[1..].iter().sum();
+        let samples = steps * self.effort.batch as u64;
+        let mut built = self.specs.into_iter().zip(networks).map(|(spec, mlp)| Network {
+            spec,
+            frame: frame.to_vec(),
+            net: mlp.to_dense(),
+        });
+        let mut next = || built.next().unwrap_or_else(|| unreachable!("there are three"));
+        Bake {
+            material: BakedMaterial {
+                sample: next(),
+                eval: next(),
+                pdf: next(),
+            },
+            maps_seconds,
+            train_seconds,
+            samples,
+            maps,
+        }
+    }
 }

@@ -57,10 +57,7 @@ impl<V: Vector> Start<V> {
         let (bx, by, cos) = (x * scale, y * scale, d * scale);
 
         let quarter = z.splat(0.25);
-        let (qx, qy) = (
-            quarter / (alpha[0] * alpha[0]),
-            quarter / (alpha[1] * alpha[1]),
-        );
+        let (qx, qy) = (quarter / (alpha[0] * alpha[0]), quarter / (alpha[1] * alpha[1]));
         let k = one / (one + cos);
         let (sxx, sxy, syy) = (
             (k * by).mul_add(by, cos),
@@ -159,18 +156,11 @@ impl<V: Vector> Chart<V> {
             ax.mul_add(x, self.b[0] * z),
             ay.mul_add(shear.mul_add(x, y), self.b[1] * z),
         ];
-        let n = v[0]
-            .mul_add(v[0], v[1].mul_add(v[1], z * z))
-            .max(least)
-            .sqrt();
-        let offset = [
-            (-n).mul_add(self.beta[0], v[0]),
-            (-n).mul_add(self.beta[1], v[1]),
-        ];
+        let n = v[0].mul_add(v[0], v[1].mul_add(v[1], z * z)).max(least).sqrt();
+        let offset = [(-n).mul_add(self.beta[0], v[0]), (-n).mul_add(self.beta[1], v[1])];
         let ncos = n * self.cos;
         let rest = ncos * ncos;
-        let p = z.splat(0.5)
-            * offset[0].mul_add(offset[0], offset[1].mul_add(offset[1], z.mul_add(z, rest)));
+        let p = z.splat(0.5) * offset[0].mul_add(offset[0], offset[1].mul_add(offset[1], z.mul_add(z, rest)));
         let pull = (rest - p) / (one + self.cos);
         let w = [
             ncos.mul_add(offset[0], self.beta[0] * pull),
@@ -198,8 +188,7 @@ impl<V: Vector> Chart<V> {
         let offset = [x + self.beta[0], y + self.beta[1]];
         let rest = self.cos * self.cos;
         // 1 + w·β.
-        let p = z.splat(0.5)
-            * offset[0].mul_add(offset[0], offset[1].mul_add(offset[1], z.mul_add(z, rest)));
+        let p = z.splat(0.5) * offset[0].mul_add(offset[0], offset[1].mul_add(offset[1], z.mul_add(z, rest)));
         let squeeze = self.cos / p;
         let pull = (p - rest) / (p * (one + self.cos));
         let v = [

@@ -116,9 +116,7 @@ impl<S: Simd, const N: usize, const K: usize> Task for Density<'_, S, N, K> {
         let two = self.densities.program.charts() == CHARTS_MAX;
         for start in (0..self.points.len()).step_by(queries::<S::Vector, N>()) {
             let wi = read_directions(self.simd, self.wi, start);
-            let parts = self
-                .densities
-                .parts::<S, K>(self.simd, self.points, start, wi);
+            let parts = self.densities.parts::<S, K>(self.simd, self.points, start, wi);
             for (k, out) in self.out.iter_mut().enumerate() {
                 for q in 0..N {
                     let mut value = parts.charts[0][k][q];

@@ -38,11 +38,7 @@ impl<V: Vector> Head<V> {
     /// ∂h/∂g, 0 where g is clamped.
     #[inline(always)]
     pub fn by_shift(&self) -> V {
-        V::select(
-            is_inside(self.g),
-            self.h * self.complement,
-            self.u.splat(0.0),
-        )
+        V::select(is_inside(self.g), self.h * self.complement, self.u.splat(0.0))
     }
 
     /// ∂h/∂u at fixed g.
@@ -61,10 +57,7 @@ pub fn is_inside<V: Vector>(g: V) -> V::Mask {
 /// Unit direction over the position `heads` of the square around the disk, and dω/dh there (sr), 0 outside of the disk.
 #[inline(always)]
 pub fn disk_direction<V: Vector>(heads: &[Head<V>; 2]) -> ([V; 3], V) {
-    let [x, y] = [
-        heads[0].h - heads[0].complement,
-        heads[1].h - heads[1].complement,
-    ];
+    let [x, y] = [heads[0].h - heads[0].complement, heads[1].h - heads[1].complement];
     let least = x.splat((DISK_HEIGHT_MIN * DISK_HEIGHT_MIN) as f32);
     let (one, zero) = (x.splat(1.0), x.splat(0.0));
     let r2 = x.mul_add(x, y * y);

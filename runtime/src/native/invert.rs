@@ -80,9 +80,7 @@ impl<V: Vector, const N: usize> Sampler<V, N> {
             scalars.encode(simd, &shift.other_inputs, values.input());
             let sums = values.sums::<Values>(&shift.others);
             for q in 0..N {
-                let (local, density) = place
-                    .chart(frames, c, q)
-                    .to_local([wi[0][q], wi[1][q], wi[2][q]]);
+                let (local, density) = place.chart(frames, c, q).to_local([wi[0][q], wi[1][q], wi[2][q]]);
                 let (h, rest) = hemisphere_to_square(local);
                 let validity = place.cameras.validity[q];
                 let root = Root::find(shift, sums, q, [ln(h[0] / rest[0]), ln(h[1] / rest[1])], validity);
@@ -236,12 +234,15 @@ impl<S: Simd, const N: usize> Task for ExactPdf<'_, S, N> {
             let mut place = Place::read(self.simd, program, self.points, start, values);
             let mut wi = read_directions(self.simd, self.wi, start);
             place.cameras.fold_lights(&mut wi);
-            let parts = self
-                .sampler
-                .invert(self.simd, &place, &wi, self.inversions);
+            let parts = self.sampler.invert(self.simd, &place, &wi, self.inversions);
             for q in 0..N {
                 let value = parts[0][q] + parts[1][q];
-                write(finite_or_zero(value, place.cameras.validity[q]), self.pdf, start, q);
+                write(
+                    finite_or_zero(value, place.cameras.validity[q]),
+                    self.pdf,
+                    start,
+                    q,
+                );
             }
         }
     }

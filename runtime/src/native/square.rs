@@ -42,10 +42,7 @@ pub fn hemisphere_to_square<V: Vector>(w: [V; 3]) -> ([V; 2], [V; 2]) {
     let r = x.mul_add(x, y * y).sqrt();
     let (size_x, size_y) = (x.abs(), y.abs());
     let first = size_y.less(size_x);
-    let (major, minor) = (
-        V::select(first, size_x, size_y),
-        V::select(first, size_y, size_x),
-    );
+    let (major, minor) = (V::select(first, size_x, size_y), V::select(first, size_y, size_x));
     // 1 − r = z²/(1 + r): the distance of the larger coordinate from its edge is half of that, and the smaller one is as
     // much farther from its own as its angle is from the diagonal, for which (major − minor)/(major + minor) is the tangent.
     let edge = (half * z * z / (one + r)).max(x.splat(EDGE_MIN));

@@ -39,7 +39,9 @@ fn moved_network(network: &Network, rng: &mut Rng) -> Network {
     if let Geometry::Charts(charts) = &mut network.spec.geometry {
         for alpha in &mut charts.alpha {
             match alpha {
-                Roughness::Fixed(value) | Roughness::Free { factor: value, .. } => *value = moved(*value, rng),
+                Roughness::Fixed(value) | Roughness::Free { factor: value, .. } => {
+                    *value = moved(*value, rng)
+                }
             }
         }
     }
@@ -121,7 +123,10 @@ fn every_tier_agrees_with_the_oracle_and_with_the_others() {
     for (seed, (kind, count)) in named.into_iter().chain(any).enumerate() {
         let seed = seed as u64;
         let material = kind.build(100 + seed);
-        for (which, queries) in [Queries::random(200 + seed, count), Queries::hard()].into_iter().enumerate() {
+        for (which, queries) in [Queries::random(200 + seed, count), Queries::hard()]
+            .into_iter()
+            .enumerate()
+        {
             let queries = queries.with_params(&material, 300 + seed);
             let expected = expected(&material, &queries, seed);
             for tier in Tier::available() {
@@ -131,12 +136,22 @@ fn every_tier_agrees_with_the_oracle_and_with_the_others() {
                     let mut sum = 0.0;
                     for (i, (found, e)) in found.iter().zip(expected).enumerate() {
                         let r = (f64::from(*found) - e.value).abs() / e.tolerance;
-                        if !(r <= worst.0) { worst = (r, i); }
+                        if !(r <= worst.0) {
+                            worst = (r, i);
+                        }
                         sum += r;
                     }
                     if !(worst.0 < 0.7) {
                         let i = worst.1;
-                        println!("{kind:?} {which} {} {name}: {:.2} mean {:.3} at {i}: {} vs {} {:?}", tier.name(), worst.0, sum / found.len() as f64, found[i], expected[i].value, queries.at(i));
+                        println!(
+                            "{kind:?} {which} {} {name}: {:.2} mean {:.3} at {i}: {} vs {} {:?}",
+                            tier.name(),
+                            worst.0,
+                            sum / found.len() as f64,
+                            found[i],
+                            expected[i].value,
+                            queries.at(i)
+                        );
                     }
                 }
             }

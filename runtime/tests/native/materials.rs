@@ -3,7 +3,9 @@
 use bake_runtime::anchor::Anchor;
 use bake_runtime::encoding::{Encoding, Quantity, Scale};
 use bake_runtime::spec::{Activation, ChartsSpec, FORMAT, Geometry, Input, Roughness, Symmetry};
-use bake_runtime::{BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Rng, Role, Scalar, Setting};
+use bake_runtime::{
+    BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Rng, Role, Scalar, Setting,
+};
 
 /// Kinds of random materials that the kernels must get right.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,13 +46,9 @@ impl Kind {
             Kind::Any(number) => any(number),
             Kind::Paper => paper(),
             Kind::Free => typical(&conductor([None, None], [0.9, 0.8, f64::NAN]), 1, &[32; 4]),
-            Kind::Mixed | Kind::FoldingMixed => {
-                typical(&conductor([Some(0.3), None], [0.9; 3]), 2, &[32; 3])
-            }
+            Kind::Mixed | Kind::FoldingMixed => typical(&conductor([Some(0.3), None], [0.9; 3]), 2, &[32; 3]),
             Kind::Narrow => typical(&conductor([Some(0.004), Some(0.001)], [0.9; 3]), 1, &[32; 4]),
-            Kind::Fixed | Kind::Folding => {
-                typical(&conductor([Some(0.3), Some(0.1)], [0.9; 3]), 1, &[32; 4])
-            }
+            Kind::Fixed | Kind::Folding => typical(&conductor([Some(0.3), Some(0.1)], [0.9; 3]), 1, &[32; 4]),
         }
         .map(|spec| random_weights(spec, seed));
         for network in &mut material {
@@ -141,10 +139,15 @@ fn typical(material: &Material, charts: usize, hidden: &[usize]) -> [NetworkSpec
                 .extend((0..charts).map(|c| Input::plain(Quantity::Local(c), Encoding::Identity)));
         }
         if role == Role::Sample && charts > 1 {
-            spec.inputs.push(Input::plain(Quantity::Chart, Encoding::Identity));
+            spec.inputs
+                .push(Input::plain(Quantity::Chart, Encoding::Identity));
         }
         spec.inputs.extend_from_slice(&common);
-        spec.hidden = if role == Role::Pdf { vec![24; 3] } else { hidden.to_vec() };
+        spec.hidden = if role == Role::Pdf {
+            vec![24; 3]
+        } else {
+            hidden.to_vec()
+        };
         spec
     })
 }
@@ -184,7 +187,11 @@ fn any(number: u64) -> [NetworkSpec; 3] {
     let material = conductor(alpha, reflectance);
     let charts = pick(rng, &[0, 1, 1, 2, 2]);
     Role::ALL.map(|role| {
-        let own = if role == Role::Eval { pick(rng, &[0, 1, 2]) } else { charts };
+        let own = if role == Role::Eval {
+            pick(rng, &[0, 1, 2])
+        } else {
+            charts
+        };
         any_spec(rng, role, &material, own)
     })
 }
