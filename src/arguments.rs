@@ -2,6 +2,7 @@
 
 use bake_runtime::Family;
 use bake_runtime::field::Field;
+use bake_train::presets::Preset;
 use bake_train::transport::Solver;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::num::NonZeroUsize;
@@ -26,6 +27,16 @@ pub struct Arguments {
 pub enum Command {
     /// Bake every material of a scene, export, render and compare: the whole job.
     Scene(SceneOptions),
+    /// Bake one material: charts, maps, the three networks, ONNX and model card.
+    ///
+    /// Parameters that the material fixes leave the networks, which are then smaller, quicker to train and quicker to run;
+    /// what that saved is printed first. Two presets: `warp`, ours, and `paper`, the networks and losses of the paper.
+    /// Learning curves are written beside the checkpoints, train-sample.csv and so on.
+    ///
+    /// bake train vase
+    ///
+    /// bake train conductor --preset paper --out out/conductor-paper
+    Train(TrainOptions),
     /// Measure the errors of a baked material afresh, beside its model card.
     Check(CheckOptions),
     /// Write the ONNX files beside the safetensors files of a baked material.
@@ -125,6 +136,31 @@ pub struct SceneOptions {
     #[arg(long)]
     pub resume: bool,
     /// Print the report as one JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `bake train`.
+#[derive(Debug, Args)]
+pub struct TrainOptions {
+    /// A material file, or the name of one in scenes/materials.
+    pub material: String,
+    /// Which networks and losses: warp or paper.
+    #[arg(long, default_value = "warp", value_parser = preset)]
+    pub preset: Preset,
+    /// Where networks, card and checkpoints go [default: out/materials/NAME, or NAME-paper].
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Fewer slices and steps: a first look in about a minute.
+    #[arg(long)]
+    pub quick: bool,
+    /// Seed of everything; the same seed gives the same networks, byte for byte.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Go on from the checkpoints of an interrupted run.
+    #[arg(long)]
+    pub resume: bool,
+    /// Print the model card as one JSON object on standard output.
     #[arg(long)]
     pub json: bool,
 }
@@ -282,6 +318,12 @@ fn polar_angle(text: &str) -> Result<f64, String> {
 fn solver(name: &str) -> Result<Solver, String> {
     let names = || Solver::ALL.map(Solver::name).join(", ");
     Solver::find(name).ok_or_else(|| format!("give one of {}", names()))
+}
+
+fn preset(name: &str) -> Result<Preset, String> {
+    let names = || Preset::ALL.map(Preset::name).join(" or ");
+    let found = Preset::ALL.into_iter().find(|preset| preset.name() == name);
+    found.ok_or_else(|| format!("give {}", names()))
 }
 
 fn cells(text: &str) -> Result<usize, String> {

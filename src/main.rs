@@ -3,7 +3,6 @@
 
 mod arguments;
 mod backends;
-mod candle_environment;
 mod commands;
 mod help;
 mod interrupt;
@@ -55,9 +54,6 @@ fn sentence(error: &anyhow::Error) -> String {
 }
 
 fn run(arguments: Arguments) -> anyhow::Result<()> {
-    if matches!(arguments.command, Command::Scene(_)) {
-        candle_environment::settle();
-    }
     // Rows are answered as they come: there is nothing to save before Ctrl-C ends that.
     if !matches!(arguments.command, Command::Query(_)) {
         interrupt::listen()?;
@@ -69,6 +65,7 @@ fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
     match arguments.command {
         Command::Scene(options) => commands::scene::run(&options),
+        Command::Train(options) => commands::train::run(&options),
         Command::Check(options) => commands::check::run(&options),
         Command::Export(options) => commands::export::run(&options),
         Command::Query(options) => commands::query::run(&options),

@@ -1,5 +1,6 @@
 //! One file per subcommand, and what they share.
 
+pub mod baking;
 pub mod bench;
 pub mod check;
 pub mod converged;
@@ -9,6 +10,7 @@ pub mod material;
 pub mod query;
 pub mod render;
 pub mod scene;
+pub mod train;
 
 use anyhow::{Context, Result, bail};
 use bake_runtime::query::{Baked, Subject};

@@ -1,6 +1,7 @@
 //! `bake scene`: the whole job for one scene.
 
-use super::check::{self, CARD_FILE, Provenance};
+use super::baking::Order;
+use super::check;
 use super::converged::converged;
 use super::render::{CONVERGED_SPP, entry, label, pass, write_pictures};
 use super::{RenderEntry, load, prepare_folder, write_json};
@@ -8,12 +9,11 @@ use crate::arguments::{BackendName, SceneOptions};
 use crate::backends::Backends;
 use crate::progress::Stages;
 use crate::{machine, output};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use bake_runtime::Material;
 use bake_scenes::{Estimator, Image, Method, Scene, picture};
-use bake_train::bake::{Effort, bake};
-use bake_train::card::{Card, TrainingCost};
-use bake_train::maps::Counts;
+use bake_train::card::Card;
+use bake_train::presets::Preset;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -75,7 +75,21 @@ pub fn run(options: &SceneOptions) -> Result<()> {
     let mut folders = BTreeMap::new();
     for material in scene.materials() {
         let folder = out.join(&material.name);
-        cards.push(bake_material(material, &folder, options, &stages, &mut seconds)?);
+        let order = Order {
+            material,
+            preset: Preset::Warp,
+            quick: options.quick,
+            seed: options.seed,
+            resume: options.resume,
+            folder: &folder,
+            command: command_line(options),
+        };
+        let (card, took) = order.fill(&stages)?;
+        seconds.maps += took.maps;
+        seconds.train += took.train;
+        seconds.export += took.export;
+        seconds.check += took.check;
+        cards.push(card);
         folders.insert(material.name.clone(), folder);
     }
     let clock = Instant::now();
@@ -96,61 +110,6 @@ pub fn run(options: &SceneOptions) -> Result<()> {
     }
     print(&report, &out);
     Ok(())
-}
-
-/// Bakes, saves, exports and checks one material into `folder`.
-fn bake_material(
-    material: &Material,
-    folder: &Path,
-    options: &SceneOptions,
-    stages: &Stages,
-    seconds: &mut Seconds,
-) -> Result<Card> {
-    let effort = if options.quick {
-        Effort::QUICK
-    } else {
-        Effort::FULL
-    };
-    let work = folder.join("checkpoints");
-    if !options.resume && work.exists() {
-        std::fs::remove_dir_all(&work).with_context(|| format!("{}: cannot start over", work.display()))?;
-    }
-    prepare_folder(&work)?;
-    let baked = bake(material, effort, options.seed, &work, &|stage, done, total| {
-        stages.report(stage.label(), done, total)
-    })?;
-    stages.finish();
-    seconds.maps += baked.maps_seconds;
-    seconds.train += baked.train_seconds;
-    let sum = |f: fn(&Counts) -> usize| baked.maps.strata.iter().map(f).sum::<usize>();
-    let (fallbacks, maps) = (sum(|c| c.fallbacks), sum(|c| c.maps));
-    if fallbacks > 0 {
-        output::warn(&format!(
-            "{fallbacks} of {maps} maps are marginal maps, because transport failed there"
-        ));
-    }
-    let clock = Instant::now();
-    baked.material.save(folder)?;
-    bake_export::export(&baked.material, folder)?;
-    seconds.export += clock.elapsed().as_secs_f64();
-
-    let clock = Instant::now();
-    let provenance = Provenance {
-        seed: options.seed,
-        command: command_line(options),
-        training: Some(TrainingCost {
-            seconds: baked.train_seconds,
-            maps_seconds: baked.maps_seconds,
-            samples: baked.samples,
-            threads: rayon::current_num_threads(),
-            fallback_maps: baked.maps.strata.map(|c| (c.fallbacks, c.maps)),
-        }),
-    };
-    let every = if options.quick { check::QUICK_EVERY } else { 1 };
-    let card = check::measure(&baked.material, folder, provenance, every, stages)?;
-    write_json(&folder.join(CARD_FILE), &card)?;
-    seconds.check += clock.elapsed().as_secs_f64();
-    Ok(card)
 }
 
 /// The command that repeats this bake.
