@@ -129,7 +129,10 @@ mod tests {
             for c in 0..3 {
                 let allowed = SIGMAS * found.se[c].hypot(slow.se[c]);
                 let difference = (found.mean[c] - slow.mean[c]).abs();
-                assert!(difference < allowed, "{reference:?} at {theta}: {found:?} {slow:?}");
+                assert!(
+                    difference < allowed,
+                    "{reference:?} at {theta}: {found:?} {slow:?}"
+                );
                 let limit = ERROR_MAX * found.mean.max_element();
                 assert!(found.se[c] < limit, "{reference:?} at {theta}: {found:?}");
             }

@@ -66,12 +66,22 @@ mod tests {
         ] {
             let bsdf = Conductor::new(alpha, [1.0, 0.8, 0.3]).expect("valid parameters");
             let wo = direction(theta, 20.0);
-            let chart = LobeSlice::new(&bsdf, wo, 1, 0).expect("bright").chart(Lobe::Sharp);
+            let chart = LobeSlice::new(&bsdf, wo, 1, 0)
+                .expect("bright")
+                .chart(Lobe::Sharp);
             let found = integral(&chart, |wi| bsdf.single(wo, wi));
             let fine = sum(&chart, 2 * CELLS[1], &|wi| bsdf.single(wo, wi));
             let error = (found.mean - fine).abs();
-            assert!(error.cmple(found.se).all(), "{alpha:?} {theta}: {error} {}", found.se);
-            assert!(found.se.max_element() <= 2.0 * TOLERANCE, "{alpha:?} {theta}: {}", found.se);
+            assert!(
+                error.cmple(found.se).all(),
+                "{alpha:?} {theta}: {error} {}",
+                found.se
+            );
+            assert!(
+                found.se.max_element() <= 2.0 * TOLERANCE,
+                "{alpha:?} {theta}: {}",
+                found.se
+            );
         }
     }
 }
