@@ -1,65 +1,122 @@
 //! The exact estimator: the weight of a baked direction from the reference model and the map's Jacobian.
 
-use crate::conductor::Conductor;
+use crate::bsdf::Bsdf;
 use crate::random::Rng;
+use crate::reference::Reference;
 use glam::DVec3;
 
-/// Walks spent, beyond the first, on a direction that single scattering does not explain at all.
+/// Evaluations of a conductor's higher orders spent, beyond the first, on a direction that single scattering does not
+/// explain at all.
 ///
 /// On the vase at 64 samples per pixel, relmse is 2.41e-3 with four and 2.32e-3 with eight.
 const EXTRA_WALKS: f64 = 8.0;
 
+/// The same for the body of a layered material: one estimate of it takes about 1.2 µs, as long as the map, and varies by 0.15
+/// of its squared luminance, where a good map leaves 0.01; √(0.15 · 1 / 0.01) is about four.
+const EXTRA_BODIES: f64 = 4.0;
+
 /// `f_cos` of the reference at `wi`, RGB, sr⁻¹, for a sampler whose density there is about `pdf` (sr⁻¹): unbiased,
-/// and less noisy than [`crate::Bsdf::eval`] where it matters.
+/// and less noisy than [`Bsdf::eval`] where it matters.
 ///
-/// Under a good sampler f_cos is about the albedo times `pdf`, so what single scattering leaves of that tells how
-/// much rests on walks; their number follows from it, before any of them is taken. Any `pdf` is correct.
-pub fn exact_f_cos(bsdf: &Conductor, wo: DVec3, wi: DVec3, pdf: f64, rng: &mut Rng) -> DVec3 {
-    let single = bsdf.single(wo, wi);
-    let explained = single.element_sum() / (pdf * bsdf.fresnel.normal().element_sum());
-    // A black surface explains nothing: NaN counts as no extra walks.
-    let walks = 1 + (EXTRA_WALKS * (1.0 - explained).clamp(0.0, 1.0)) as u32;
-    let multiple: DVec3 = (0..walks).map(|_| bsdf.multiple(wo, wi, rng)).sum();
-    single + multiple / f64::from(walks)
+/// Under a good sampler f_cos is about the albedo times `pdf`, so what the exact part of the model leaves of that tells
+/// how much rests on walks; their number follows from it, before any of them is taken. Any `pdf` is correct.
+pub fn exact_f_cos(reference: &Reference, wo: DVec3, wi: DVec3, pdf: f64, rng: &mut Rng) -> DVec3 {
+    match reference {
+        Reference::Conductor(conductor) => {
+            let single = conductor.single(wo, wi);
+            let explained = single.element_sum() / (pdf * conductor.fresnel.normal().element_sum());
+            let count = count(EXTRA_WALKS, explained);
+            single + mean(count, || conductor.multiple(wo, wi, rng))
+        }
+        Reference::Layered(layered) => {
+            // No albedo is above 1: where it is lower, more is spent than need be.
+            let top = layered.reflection(wo, wi);
+            let count = count(EXTRA_BODIES, top / pdf);
+            top + mean(count, || layered.body(wo, wi, rng))
+        }
+        Reference::Principled(_) | Reference::Imported(_) => reference.eval(wo, wi, rng),
+    }
 }
 
 /// `f_cos · jacobian`, RGB, dimensionless: unbiased whatever the map, signed where it folds.
 ///
-/// `jacobian` is the signed determinant of u ↦ solid angle (sr) from
-/// [`crate::Backend::sample_jacobian`].
-pub fn exact_weight(bsdf: &Conductor, wo: DVec3, wi: DVec3, jacobian: f64, rng: &mut Rng) -> DVec3 {
-    exact_f_cos(bsdf, wo, wi, 1.0 / jacobian.abs(), rng) * jacobian
+/// `jacobian` is that of [`crate::Backend::sample_jacobian`], sr; 0 gives 0.
+pub fn exact_weight(reference: &Reference, wo: DVec3, wi: DVec3, jacobian: f64, rng: &mut Rng) -> DVec3 {
+    if jacobian == 0.0 {
+        return DVec3::ZERO;
+    }
+    exact_f_cos(reference, wo, wi, 1.0 / jacobian.abs(), rng) * jacobian
+}
+
+/// How many estimates to average where the exact part explains the share `explained` of the light.
+fn count(extra: f64, explained: f64) -> u32 {
+    // A black surface explains nothing: NaN counts as no extra ones.
+    1 + (extra * (1.0 - explained).clamp(0.0, 1.0)) as u32
+}
+
+fn mean(count: u32, mut estimate: impl FnMut() -> DVec3) -> DVec3 {
+    (0..count).map(|_| estimate()).sum::<DVec3>() / f64::from(count)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bsdf::Bsdf;
+    use crate::conductor::Conductor;
+    use crate::layered::Layered;
+    use crate::moments::Moments;
+    use crate::principled::{Principled, PrincipledParameters};
 
     /// Standard errors allowed between two means.
     const SIGMAS: f64 = 5.0;
+    /// Estimates behind each of them.
+    const DRAWS: u32 = 100_000;
+    /// Noise over that of a single evaluation: off the mirror direction two to nine are averaged, whose error is at most
+    /// 1/√2.
+    const NOISE_RATIO: f64 = 0.75;
+
+    fn directions() -> (DVec3, DVec3) {
+        let wo = DVec3::new(0.5, 0.3, 0.81).normalize();
+        (wo, DVec3::new(0.2, -0.6, 0.7).normalize())
+    }
 
     #[test]
-    fn its_mean_is_that_of_eval() {
-        let bsdf = Conductor::new([0.3, 0.1], [1.0, 0.782, 0.344]).expect("valid parameters");
-        let wo = DVec3::new(0.5, 0.3, 0.81).normalize();
-        let wi = DVec3::new(0.2, -0.6, 0.7).normalize();
+    fn its_mean_is_that_of_eval_and_its_noise_is_less() {
+        let conductor = Conductor::new([0.3, 0.1], [1.0, 0.782, 0.344]).expect("valid parameters");
+        let layered = Layered::new(0.2, 1.5, 1.0, [0.9, 0.6, 0.3], [0.5; 3], 0.3).expect("valid parameters");
+        let (wo, wi) = directions();
         let jacobian = -0.7;
-        let moments = |draw: &mut dyn FnMut(&mut Rng) -> f64, key: u64| {
-            let n = 200_000;
-            let mut rng = Rng::new(&[key]);
-            let (mut sum, mut square) = (0.0, 0.0);
-            for _ in 0..n {
-                let x = draw(&mut rng);
-                sum += x;
-                square += x * x;
+        for reference in [Reference::Conductor(conductor), Reference::Layered(layered)] {
+            let estimate = |draw: &dyn Fn(&mut Rng) -> DVec3, key: u64| {
+                let mut rng = Rng::new(&[key]);
+                let mut moments = Moments::default();
+                (0..DRAWS).for_each(|_| moments.add(draw(&mut rng)));
+                moments.estimate()
+            };
+            let weight = estimate(&|rng| exact_weight(&reference, wo, wi, jacobian, rng), 1);
+            let eval = estimate(&|rng| reference.eval(wo, wi, rng) * jacobian, 2);
+            for c in 0..3 {
+                let allowed = SIGMAS * weight.se[c].hypot(eval.se[c]);
+                assert!((weight.mean[c] - eval.mean[c]).abs() < allowed, "{reference:?}");
+                assert!(weight.se[c] < NOISE_RATIO * eval.se[c], "{reference:?}");
             }
-            let mean = sum / f64::from(n);
-            (mean, (square / f64::from(n) - mean * mean) / f64::from(n))
-        };
-        let weight = moments(&mut |rng| exact_weight(&bsdf, wo, wi, jacobian, rng).y, 1);
-        let eval = moments(&mut |rng| bsdf.eval(wo, wi, rng).y * jacobian, 2);
-        assert!((weight.0 - eval.0).abs() < SIGMAS * (weight.1 + eval.1).sqrt());
-        assert!(weight.1 < eval.1);
+        }
+    }
+
+    #[test]
+    fn models_without_noise_are_evaluated_once() {
+        let bsdf = Principled::new(PrincipledParameters::default()).expect("valid parameters");
+        let reference = Reference::Principled(bsdf);
+        let (wo, wi) = directions();
+        let rng = &mut Rng::new(&[3]);
+        let f_cos = reference.eval(wo, wi, rng);
+        assert_eq!(exact_f_cos(&reference, wo, wi, 0.1, rng), f_cos);
+        assert_eq!(exact_weight(&reference, wo, wi, 2.0, rng), 2.0 * f_cos);
+        assert_eq!(exact_weight(&reference, wo, wi, 0.0, rng), DVec3::ZERO);
+    }
+
+    #[test]
+    fn more_is_spent_where_less_is_explained() {
+        let counts = [1.0, 0.5, 0.0, f64::NAN, 7.0].map(|explained| count(8.0, explained));
+        assert_eq!(counts, [1, 5, 9, 1, 1]);
     }
 }

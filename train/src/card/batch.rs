@@ -1,71 +1,36 @@
-//! Batches of queries at one `wo`, and running moments of their weights: what every measure is made of.
+//! Batches of queries at one place: what every measure is made of.
 
-use super::truth::Truth;
+use super::Mixture;
+use super::heldout::HeldOut;
 use bake_runtime::{Backend, Points};
 use glam::DVec3;
 
 /// Queries per call.
 pub const BATCH: usize = 4096;
 
-/// Running mean and variance of RGB weights.
-#[derive(Clone, Copy, Default)]
-pub struct Moments {
-    /// Number of weights.
-    pub count: f64,
-    /// Their sum.
-    pub sum: DVec3,
-    /// The sum of their squares.
-    pub square: DVec3,
-}
-
-impl Moments {
-    /// Adds one weight.
-    pub fn add(&mut self, value: DVec3) {
-        self.count += 1.0;
-        self.sum += value;
-        self.square += value * value;
-    }
-
-    /// Mean so far.
-    pub fn mean(&self) -> DVec3 {
-        self.sum / self.count
-    }
-
-    /// Standard error of the mean.
-    pub fn se(&self) -> DVec3 {
-        let mean = self.mean();
-        let variance = (self.square / self.count - mean * mean).max(DVec3::ZERO) / (self.count - 1.0);
-        DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt())
-    }
-
-    /// Bias against `albedo` with the standard error of both.
-    pub fn bias(&self, truth: &Truth) -> (DVec3, DVec3) {
-        let se = self.se();
-        let total = DVec3::from_array([0, 1, 2].map(|c: usize| se[c].hypot(truth.albedo_se[c])));
-        (self.mean() / truth.albedo - DVec3::ONE, total / truth.albedo)
-    }
-}
-
 /// Reusable structure-of-arrays buffers of one batch.
 pub struct Buffers {
+    /// Free parameters, the same for all queries.
+    params: Vec<[f32; 1]>,
     /// Camera directions.
-    pub wo: [Vec<f32>; 3],
+    wo: [Vec<f32>; 3],
     /// Uniform numbers.
-    pub u: [Vec<f32>; 2],
+    u: [Vec<f32>; 2],
     /// Light directions.
-    pub wi: [Vec<f32>; 3],
+    wi: [Vec<f32>; 3],
     /// Weights or f_cos.
-    pub rgb: [Vec<f32>; 3],
+    rgb: [Vec<f32>; 3],
     /// Jacobians or pdfs.
     pub scalar: Vec<f32>,
 }
 
 impl Buffers {
-    /// Buffers of [`BATCH`] queries that all have `wo`.
-    pub fn new(wo: DVec3) -> Buffers {
+    /// Buffers of [`BATCH`] queries at `place`.
+    pub fn new(place: &HeldOut) -> Buffers {
         let zeros = || vec![0.0; BATCH];
         Buffers {
-            wo: wo.to_array().map(|c| vec![c as f32; BATCH]),
+            params: place.params.iter().map(|p| [*p as f32]).collect(),
+            wo: place.wo.to_array().map(|c| vec![c as f32; BATCH]),
             u: [zeros(), zeros()],
             wi: [zeros(), zeros(), zeros()],
             rgb: [zeros(), zeros(), zeros()],
@@ -90,53 +55,69 @@ impl Buffers {
 
     /// Light direction of query `i`.
     pub fn wi(&self, i: usize) -> DVec3 {
-        DVec3::new(self.wi[0][i].into(), self.wi[1][i].into(), self.wi[2][i].into())
+        DVec3::from_array(self.wi.each_ref().map(|c| c[i].into()))
     }
 
     /// Weight or f_cos of query `i`.
     pub fn rgb(&self, i: usize) -> DVec3 {
-        DVec3::new(
-            self.rgb[0][i].into(),
-            self.rgb[1][i].into(),
-            self.rgb[2][i].into(),
-        )
+        DVec3::from_array(self.rgb.each_ref().map(|c| c[i].into()))
     }
 
     /// Fills `wi` and `rgb`.
     pub fn sample_learned(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+        let params = columns(&self.params);
+        let points = points(&params, &self.wo);
         let [x, y, z] = &mut self.wi;
         let [r, g, b] = &mut self.rgb;
-        backend.sample_learned(
-            Points::fixed(views(&self.wo)),
-            views(&self.u),
-            [x, y, z],
-            [r, g, b],
-        )
+        backend.sample_learned(points, views(&self.u), [x, y, z], [r, g, b])
     }
 
     /// Fills `wi` and `scalar`.
     pub fn sample_jacobian(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+        let params = columns(&self.params);
+        let points = points(&params, &self.wo);
         let [x, y, z] = &mut self.wi;
-        backend.sample_jacobian(
-            Points::fixed(views(&self.wo)),
-            views(&self.u),
-            [x, y, z],
-            &mut self.scalar,
-        )
+        backend.sample_jacobian(points, views(&self.u), [x, y, z], &mut self.scalar)
+    }
+
+    /// Fills `wi` and `scalar` by the exact mixture of charts; how many queries did not converge.
+    pub fn sample_mixture(&mut self, mixture: &mut Mixture) -> bake_runtime::Result<usize> {
+        let params = columns(&self.params);
+        let points = points(&params, &self.wo);
+        let [x, y, z] = &mut self.wi;
+        mixture(points, views(&self.u), [x, y, z], &mut self.scalar)
     }
 
     /// Fills `rgb` at `wi`.
     pub fn eval(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+        let params = columns(&self.params);
+        let points = points(&params, &self.wo);
         let [r, g, b] = &mut self.rgb;
-        backend.eval(Points::fixed(views(&self.wo)), views(&self.wi), [r, g, b])
+        backend.eval(points, views(&self.wi), [r, g, b])
     }
 
     /// Fills `scalar` at `wi`.
     pub fn pdf(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
-        backend.pdf(Points::fixed(views(&self.wo)), views(&self.wi), &mut self.scalar)
+        let params = columns(&self.params);
+        let points = points(&params, &self.wo);
+        backend.pdf(points, views(&self.wi), &mut self.scalar)
     }
 }
 
-fn views<const N: usize>(columns: &[Vec<f32>; N]) -> [&[f32]; N] {
+/// The shading points of a batch.
+pub fn points<'a>(params: &'a [&'a [f32]], wo: &'a [Vec<f32>; 3]) -> Points<'a> {
+    Points {
+        params,
+        wo: views(wo),
+    }
+}
+
+/// Slices of the columns of a batch.
+pub fn views<const N: usize>(columns: &[Vec<f32>; N]) -> [&[f32]; N] {
     columns.each_ref().map(|c| c.as_slice())
+}
+
+/// Slices of the parameters that a whole batch shares.
+pub fn columns(params: &[[f32; 1]]) -> Vec<&[f32]> {
+    params.iter().map(|p| p.as_slice()).collect()
 }

@@ -30,13 +30,14 @@ impl Bins {
         cell(b) * SIDE + cell(a)
     }
 
-    /// Quadrature nodes, `sub`² midpoints per bin: (bin, direction, solid angle).
-    pub fn nodes(&self, sub: usize) -> impl Iterator<Item = (usize, DVec3, f64)> {
+    /// Quadrature nodes of one bin, `sub`² midpoints: (direction, solid angle).
+    pub fn nodes(&self, bin: usize, sub: usize) -> impl Iterator<Item = (DVec3, f64)> {
         let bins = *self;
-        let fine = SIDE * sub;
-        let area = 1.0 / (fine * fine) as f64;
-        (0..fine * fine).filter_map(move |k| {
-            let s = crate::spline::cell_centre(k, fine);
+        let fine = (SIDE * sub) as f64;
+        let corner = [bin % SIDE * sub, bin / SIDE * sub].map(|v| v as f64);
+        (0..sub * sub).filter_map(move |k| {
+            let at = [(k % sub) as f64 + 0.5, (k / sub) as f64 + 0.5];
+            let s = [0, 1].map(|c: usize| (corner[c] + at[c]) / fine);
             let (w, measure) = match bins {
                 Bins::Disk => {
                     let (x, y) = (2.0 * s[0] - 1.0, 2.0 * s[1] - 1.0);
@@ -52,17 +53,18 @@ impl Bins {
                     (DVec3::from_array(w), area)
                 }
             };
-            Some(((k / fine / sub) * SIDE + k % fine / sub, w, measure * area))
+            Some((w, measure / (fine * fine)))
         })
     }
 
     /// Integral of a density (sr⁻¹) over every bin, by `sub`² midpoints per bin.
     pub fn integrate(&self, sub: usize, density: impl Fn(DVec3) -> f64) -> Vec<f64> {
-        let mut mass = vec![0.0; SIDE * SIDE];
-        for (bin, w, solid_angle) in self.nodes(sub) {
-            mass[bin] += density(w) * solid_angle;
-        }
-        mass
+        let mass = |bin: usize| -> f64 {
+            self.nodes(bin, sub)
+                .map(|(w, solid_angle)| density(w) * solid_angle)
+                .sum()
+        };
+        (0..SIDE * SIDE).map(mass).collect()
     }
 }
 

@@ -1,124 +1,184 @@
 //! Nanoseconds per query on one thread: medians of interleaved runs, so that a drifting clock hits all alike.
+//!
+//! Every round has other values of the free parameters, the same for its whole batch, as a renderer has them that goes
+//! through one material after another; the reference is bound once for it, too. So the median is one over the domain.
 
-use super::Cost;
-use super::measure::BackendFactory;
+use super::Runners;
+use super::batch::{BATCH, columns, points, views};
 use crate::error::Result;
+use crate::places::value_at;
 use bake_runtime::bsdf::direction;
-use bake_runtime::conductor::Conductor;
 use bake_runtime::estimator::exact_weight;
-use bake_runtime::{Bsdf, Points, Rng};
+use bake_runtime::{Bsdf, Material, Rng};
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Queries per call.
-const BATCH: usize = 4096;
 /// Rounds of interleaved runs; the median counts.
 const ROUNDS: usize = 25;
 /// Largest polar angle of the queries, degrees.
 const THETA_MAX_DEG: f64 = 85.0;
+/// Largest u: f32 must not round it to 1.
+const U_MAX: f64 = 0.999;
 /// Key of the queries.
 const KEY: u64 = 0xc057;
+
+/// Nanoseconds per query, one thread.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cost {
+    /// Always 1.
+    pub threads: usize,
+    /// Queries per call.
+    pub batch: usize,
+    /// SIMD tier.
+    pub tier: String,
+    /// Learned estimator.
+    pub sample_learned_ns: f64,
+    /// Direction with its jacobian.
+    pub sample_jacobian_ns: f64,
+    /// Direction with the jacobian of the exact mixture of charts.
+    pub sample_mixture_ns: Option<f64>,
+    /// Direction with its jacobian and the reference's f_cos.
+    pub exact_total_ns: f64,
+    /// Evaluation network.
+    pub eval_ns: f64,
+    /// Pdf network.
+    pub pdf_ns: f64,
+    /// The reference's own sampling, a random walk where it has no other.
+    pub reference_sample_ns: f64,
+    /// One evaluation of the reference, an estimate where it is stochastic.
+    pub reference_eval_ns: f64,
+    /// onnxruntime, learned estimator.
+    pub ort_sample_ns: Option<f64>,
+    /// Share of the core's multiply-add peak.
+    pub percent_of_fma_peak: Option<f64>,
+}
 
 /// Measures the cost of every query on this thread.
 ///
 /// # Errors
 /// Whatever a backend reports.
-pub fn cost(
-    bsdf: &Conductor,
-    tier: &str,
-    native: BackendFactory,
-    ort: Option<BackendFactory>,
-) -> Result<Cost> {
+pub(super) fn cost(material: &Material, runners: &Runners) -> Result<Cost> {
     let mut rng = Rng::new(&[KEY]);
     let directions: Vec<DVec3> = (0..BATCH)
         .map(|_| direction(THETA_MAX_DEG * rng.uniform(), 360.0 * rng.uniform()))
         .collect();
-    let column = |c: usize| directions.iter().map(|w| w[c] as f32).collect::<Vec<f32>>();
-    let wo = [column(0), column(1), column(2)];
+    let wo: [Vec<f32>; 3] = [0, 1, 2].map(|c: usize| directions.iter().map(|w| w[c] as f32).collect());
     let u: [Vec<f32>; 2] =
-        std::array::from_fn(|_| (0..BATCH).map(|_| rng.uniform() as f32 * 0.999).collect());
-    let wo = wo.each_ref().map(|c| c.as_slice());
-    let u = u.each_ref().map(|c| c.as_slice());
+        std::array::from_fn(|_| (0..BATCH).map(|_| (U_MAX * rng.uniform()) as f32).collect());
     let mut wi: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; BATCH]);
     let mut rgb: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; BATCH]);
     let mut scalar = vec![0.0f32; BATCH];
 
-    let mut native = native()?;
-    let mut ort = ort.map(|make| make()).transpose()?;
-    let mut seconds: [Vec<f64>; 8] = Default::default();
+    let free = material.free();
+    let mut native = (runners.native)()?;
+    let mut ort = runners.ort.map(|make| make()).transpose()?;
+    let mut mixture = runners.mixture.map(|make| make()).transpose()?;
+    let mut laps = Laps::default();
     for _ in 0..ROUNDS {
-        let mut laps = Vec::with_capacity(seconds.len());
-        let mut lap = |start: Instant| laps.push(start.elapsed().as_secs_f64());
+        let values = free
+            .iter()
+            .map(|(label, min, max)| value_at(label, *min, *max, rng.uniform()));
+        let values: Vec<f64> = values.collect();
+        let bsdf = material.bind(&values)?;
+        let params: Vec<[f32; 1]> = values.iter().map(|v| [*v as f32]).collect();
+        let params = columns(&params);
+        let (points, u) = (points(&params, &wo), views(&u));
         let [x, y, z] = wi.each_mut().map(|c| c.as_mut_slice());
         let [r, g, b] = rgb.each_mut().map(|c| c.as_mut_slice());
-        let start = Instant::now();
-        native.sample_learned(
-            Points::fixed(wo),
-            u,
-            [&mut *x, &mut *y, &mut *z],
-            [&mut *r, &mut *g, &mut *b],
-        )?;
-        lap(start);
-        let start = Instant::now();
-        native.sample_jacobian(Points::fixed(wo), u, [&mut *x, &mut *y, &mut *z], &mut scalar)?;
-        lap(start);
-        let start = Instant::now();
-        native.eval(Points::fixed(wo), [&*x, &*y, &*z], [&mut *r, &mut *g, &mut *b])?;
-        lap(start);
-        let start = Instant::now();
-        native.pdf(Points::fixed(wo), [&*x, &*y, &*z], &mut scalar)?;
-        lap(start);
-        let start = Instant::now();
-        for (i, wo) in directions.iter().enumerate() {
-            let u = [f64::from(u[0][i]), f64::from(u[1][i])];
-            black_box(bsdf.sample(*wo, u, &mut Rng::new(&[KEY, i as u64])));
-        }
-        lap(start);
-        let start = Instant::now();
-        for (i, wo) in directions.iter().enumerate() {
-            let wi = DVec3::new(x[i].into(), y[i].into(), z[i].into());
-            black_box(bsdf.eval(*wo, wi, &mut Rng::new(&[KEY, i as u64])));
-        }
-        lap(start);
-        let start = Instant::now();
-        native.sample_jacobian(Points::fixed(wo), u, [&mut *x, &mut *y, &mut *z], &mut scalar)?;
-        for (i, wo) in directions.iter().enumerate() {
-            let wi = DVec3::new(x[i].into(), y[i].into(), z[i].into());
-            let mut rng = Rng::new(&[KEY, i as u64]);
-            black_box(exact_weight(bsdf, *wo, wi, scalar[i].into(), &mut rng));
-        }
-        lap(start);
-        if let Some(ort) = &mut ort {
-            let start = Instant::now();
-            ort.sample_learned(
-                Points::fixed(wo),
+        laps.time(0, || {
+            native.sample_learned(
+                points,
                 u,
                 [&mut *x, &mut *y, &mut *z],
                 [&mut *r, &mut *g, &mut *b],
-            )?;
-            lap(start);
+            )
+        })?;
+        laps.time(1, || {
+            native.sample_jacobian(points, u, [&mut *x, &mut *y, &mut *z], &mut scalar)
+        })?;
+        laps.time(2, || {
+            native.eval(points, [&*x, &*y, &*z], [&mut *r, &mut *g, &mut *b])
+        })?;
+        laps.time(3, || native.pdf(points, [&*x, &*y, &*z], &mut scalar))?;
+        laps.time(4, || {
+            for (i, wo) in directions.iter().enumerate() {
+                let u = u.map(|c| f64::from(c[i]));
+                black_box(bsdf.sample(*wo, u, &mut Rng::new(&[KEY, i as u64])));
+            }
+            Ok(())
+        })?;
+        laps.time(5, || {
+            for (i, wo) in directions.iter().enumerate() {
+                let wi = DVec3::new(x[i].into(), y[i].into(), z[i].into());
+                black_box(bsdf.eval(*wo, wi, &mut Rng::new(&[KEY, i as u64])));
+            }
+            Ok(())
+        })?;
+        laps.time(6, || {
+            native.sample_jacobian(points, u, [&mut *x, &mut *y, &mut *z], &mut scalar)?;
+            for (i, wo) in directions.iter().enumerate() {
+                let wi = DVec3::new(x[i].into(), y[i].into(), z[i].into());
+                let mut rng = Rng::new(&[KEY, i as u64]);
+                black_box(exact_weight(&bsdf, *wo, wi, scalar[i].into(), &mut rng));
+            }
+            Ok(())
+        })?;
+        if let Some(ort) = &mut ort {
+            laps.time(7, || {
+                ort.sample_learned(
+                    points,
+                    u,
+                    [&mut *x, &mut *y, &mut *z],
+                    [&mut *r, &mut *g, &mut *b],
+                )
+            })?;
         }
-        seconds.iter_mut().zip(laps).for_each(|(all, lap)| all.push(lap));
+        if let Some(mixture) = &mut mixture {
+            laps.time(8, || {
+                mixture(points, u, [&mut *x, &mut *y, &mut *z], &mut scalar).map(|_| ())
+            })?;
+        }
     }
-    let median = |k: usize| {
-        let mut all = seconds[k].clone();
-        all.sort_by(f64::total_cmp);
-        all.get(all.len() / 2).map(|s| s * 1e9 / BATCH as f64)
-    };
-    let ns = |k: usize| median(k).unwrap_or(f64::NAN);
+    let ns = |k: usize| laps.median_ns(k).unwrap_or(f64::NAN);
     Ok(Cost {
         threads: 1,
         batch: BATCH,
-        tier: tier.to_string(),
+        tier: runners.tier.to_string(),
         sample_learned_ns: ns(0),
         sample_jacobian_ns: ns(1),
+        sample_mixture_ns: laps.median_ns(8),
         eval_ns: ns(2),
         pdf_ns: ns(3),
         reference_sample_ns: ns(4),
         reference_eval_ns: ns(5),
         exact_total_ns: ns(6),
-        ort_sample_ns: median(7),
+        ort_sample_ns: laps.median_ns(7),
         percent_of_fma_peak: None,
     })
+}
+
+/// Seconds of every round of every kind of query.
+#[derive(Default)]
+struct Laps([Vec<f64>; 9]);
+
+impl Laps {
+    fn time(
+        &mut self,
+        kind: usize,
+        run: impl FnOnce() -> bake_runtime::Result<()>,
+    ) -> bake_runtime::Result<()> {
+        let start = Instant::now();
+        run()?;
+        self.0[kind].push(start.elapsed().as_secs_f64());
+        Ok(())
+    }
+
+    /// Median over the rounds, per query; `None` where there were none.
+    fn median_ns(&self, kind: usize) -> Option<f64> {
+        let mut all = self.0[kind].clone();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).map(|s| s * 1e9 / BATCH as f64)
+    }
 }
