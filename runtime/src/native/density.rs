@@ -1,6 +1,6 @@
 //! Density queries: (parameters, wo, wi) ↦ `f_cos` or pdf, of every chart the density times the exponential of the outputs.
 
-use super::kernel::{Buffers, Values};
+use super::kernel::Buffers;
 use super::math::exp;
 use super::place::Place;
 use super::program::Program;
@@ -49,15 +49,46 @@ impl<V: Vector, const N: usize> Densities<V, N> {
         simd: S,
         points: Points,
         start: usize,
-        mut wi: [Column<V, N>; 3],
+        wi: [Column<V, N>; 3],
     ) -> Parts<V, N, K> {
+        let zero = simd.splat(0.0);
+        let mut parts = Parts {
+            charts: [[[zero; N]; K]; CHARTS_MAX],
+            validity: [zero; N],
+        };
+        simd.enter(Tile {
+            simd,
+            densities: self,
+            points,
+            start,
+            wi,
+            parts: &mut parts,
+        });
+        parts
+    }
+}
+
+/// [`Densities::parts`]: a task of its own, so that all queries share one copy of its code.
+struct Tile<'a, S: Simd, const N: usize, const K: usize> {
+    simd: S,
+    densities: &'a mut Densities<S::Vector, N>,
+    points: Points<'a>,
+    start: usize,
+    wi: [Column<S::Vector, N>; 3],
+    parts: &'a mut Parts<S::Vector, N, K>,
+}
+
+impl<S: Simd, const N: usize, const K: usize> Task for Tile<'_, S, N, K> {
+    #[inline(always)]
+    fn run(self) {
+        let (simd, mut wi) = (self.simd, self.wi);
         let Densities {
             program,
             role,
             values,
-        } = self;
+        } = self.densities;
         let zero = simd.splat(0.0);
-        let mut place = Place::read(simd, program, points, start, values);
+        let mut place = Place::read(simd, program, self.points, self.start, values);
         place.cameras.fold_lights(&mut wi);
         let mut local = [[[zero; N]; 3]; CHARTS_MAX];
         let mut density = [[simd.splat(1.0); N]; CHARTS_MAX];
@@ -84,20 +115,17 @@ impl<V: Vector, const N: usize> Densities<V, N> {
         scalars.wi = &wi[..2];
         scalars.local = local.each_ref().map(|local| local.as_slice());
         scalars.encode(simd, &program.inputs, values.input());
-        let rows = values.run::<Values>(&program.net);
+        let rows = values.run(simd, &program.net);
         let max = EXPONENT_MAX as f32;
-        let mut charts = [[[zero; N]; K]; CHARTS_MAX];
-        for ((parts, rows), density) in charts.iter_mut().zip(rows.chunks_exact(K)).zip(&density) {
+        let charts = self.parts.charts.iter_mut().zip(rows.chunks_exact(K));
+        for ((parts, rows), density) in charts.zip(&density) {
             for (part, row) in parts.iter_mut().zip(rows) {
                 for q in 0..N {
                     part[q] = density[q] * exp(row[q].clamp(-max, max));
                 }
             }
         }
-        Parts {
-            charts,
-            validity: place.cameras.validity,
-        }
+        self.parts.validity = place.cameras.validity;
     }
 }
 

@@ -3,7 +3,7 @@
 use super::kernel::TANGENT_COLUMNS;
 use super::math::{EXP_MAX, decay, exp, half_turns, ln};
 use super::tile::{Column, each, read_parameter};
-use super::vector::{ROUND, Simd, Vector};
+use super::vector::{ROUND, Simd, Task, Vector};
 use crate::anchor::ANCHOR_SCALARS;
 use crate::encoding::{
     Encoding, GRAZING_FEATURES, GRAZING_LOG_OFFSET, Quantity, SCALARS_MAX, SLANT_FEATURES, Scale,
@@ -79,19 +79,40 @@ impl<V: Vector, const N: usize> Scalars<'_, V, N> {
     /// Writes the features of `inputs` to the first rows of `out`.
     #[inline(always)]
     pub fn encode<S: Simd<Vector = V>>(&self, simd: S, inputs: &[Feature], out: &mut [Column<V, N>]) {
-        let mut rest = out;
-        for input in inputs {
+        simd.enter(Encode {
+            simd,
+            scalars: self,
+            inputs,
+            out,
+        });
+    }
+}
+
+/// [`Scalars::encode`]: a task of its own, so that all networks share one copy of its code.
+struct Encode<'a, 'b, S: Simd, const N: usize> {
+    simd: S,
+    scalars: &'a Scalars<'b, S::Vector, N>,
+    inputs: &'a [Feature],
+    out: &'a mut [Column<S::Vector, N>],
+}
+
+impl<S: Simd, const N: usize> Task for Encode<'_, '_, S, N> {
+    #[inline(always)]
+    fn run(self) {
+        let (simd, all) = (self.simd, self.scalars);
+        let mut rest = self.out;
+        for input in self.inputs {
             let mut own = [[simd.splat(0.0); N]; SCALARS_MAX];
-            let mut scalars: &[Column<V, N>] = match input.quantity {
-                Quantity::U => self.u,
-                Quantity::Wo => self.wo,
-                Quantity::WoDisk => &self.wo[..2],
-                Quantity::WiDisk => self.wi,
-                Quantity::Local(chart) => self.local[chart],
-                Quantity::Anchor => self.anchor,
-                Quantity::Chart => self.chart,
+            let mut scalars: &[Column<S::Vector, N>] = match input.quantity {
+                Quantity::U => all.u,
+                Quantity::Wo => all.wo,
+                Quantity::WoDisk => &all.wo[..2],
+                Quantity::WiDisk => all.wi,
+                Quantity::Local(chart) => all.local[chart],
+                Quantity::Anchor => all.anchor,
+                Quantity::Chart => all.chart,
                 Quantity::Parameter(parameter) => {
-                    own[0] = read_parameter(simd, self.params[parameter], self.start);
+                    own[0] = read_parameter(simd, all.params[parameter], all.start);
                     &own[..1]
                 }
             };

@@ -61,15 +61,43 @@ impl<V: Vector, const N: usize> Sampler<V, N> {
         wi: &[Column<V, N>; 3],
         inversions: &mut Inversions,
     ) -> [Column<V, N>; CHARTS_MAX] {
+        let mut parts = [[simd.splat(0.0); N]; CHARTS_MAX];
+        simd.enter(Tile {
+            simd,
+            sampler: self,
+            place,
+            wi,
+            inversions,
+            parts: &mut parts,
+        });
+        parts
+    }
+}
+
+/// [`Sampler::invert`]: a task of its own, so that both of its callers share one copy of its code.
+struct Tile<'t, 'a, S: Simd, const N: usize> {
+    simd: S,
+    sampler: &'t mut Sampler<S::Vector, N>,
+    place: &'t Place<'a, S::Vector, N>,
+    wi: &'t [Column<S::Vector, N>; 3],
+    inversions: &'t mut Inversions,
+    parts: &'t mut [Column<S::Vector, N>; CHARTS_MAX],
+}
+
+impl<S: Simd, const N: usize> Task for Tile<'_, '_, S, N> {
+    #[inline(always)]
+    fn run(self) {
+        let Tile {
+            simd, place, wi, ..
+        } = self;
         let Sampler {
             program,
             shift,
             values,
-        } = &mut *self;
+        } = self.sampler;
         let (zero, one) = (simd.splat(0.0), simd.splat(1.0));
-        let mut parts = [[zero; N]; CHARTS_MAX];
         let Some(frames) = &program.frames else {
-            return parts;
+            return;
         };
         for c in 0..frames.charts() {
             let chart = [if c == 0 { one } else { -one }; N];
@@ -80,10 +108,12 @@ impl<V: Vector, const N: usize> Sampler<V, N> {
             scalars.encode(simd, &shift.other_inputs, values.input());
             let sums = values.sums::<Values>(&shift.others);
             for q in 0..N {
-                let (local, density) = place.chart(frames, c, q).to_local([wi[0][q], wi[1][q], wi[2][q]]);
+                let w = [wi[0][q], wi[1][q], wi[2][q]];
+                let (local, density) = place.chart(frames, c, q).to_local(w);
                 let (h, rest) = hemisphere_to_square(local);
                 let validity = place.cameras.validity[q];
-                let root = Root::find(shift, sums, q, [ln(h[0] / rest[0]), ln(h[1] / rest[1])], validity);
+                let target = [ln(h[0] / rest[0]), ln(h[1] / rest[1])];
+                let root = Root::find(simd, shift, sums, q, target, validity);
                 let per_square = root.areas[0] / (h[0] * rest[0]) * (root.areas[1] / (h[1] * rest[1]));
                 let open = root.is_open();
                 let exact = density * per_square / root.det.abs();
@@ -92,11 +122,10 @@ impl<V: Vector, const N: usize> Sampler<V, N> {
                     (CHARTS_MAX, _) => one - place.share(q),
                     _ => one,
                 };
-                parts[c][q] = share * V::select(open, density, exact);
-                inversions.add(validity, open);
+                self.parts[c][q] = share * Vector::select(open, density, exact);
+                self.inversions.add(validity, open);
             }
         }
-        parts
     }
 }
 
@@ -114,7 +143,8 @@ impl<V: Vector> Root<V> {
     /// Solves for the position with logits `target`, for vector `q` of the sums of [`Shift::others`]. Queries that are
     /// not valid count as solved.
     #[inline(always)]
-    fn find<const N: usize>(
+    fn find<S: Simd<Vector = V>, const N: usize>(
+        simd: S,
         shift: &mut Shift<V>,
         sums: &[Column<V, N>],
         q: usize,
@@ -135,7 +165,7 @@ impl<V: Vector> Root<V> {
             let places = [Logistic::new(t[0]), Logistic::new(t[1])];
             let u = [places[0].u, places[1].u];
             let areas = [places[0].area, places[1].area];
-            let [gx, gy] = shift.at(sums, q, u);
+            let [gx, gy] = shift.at(simd, sums, q, u);
             let ([gx, xx, xy], [gy, yx, yy]) = (clamped(gx), clamped(gy));
             let (xx, xy) = (xx.mul_add(areas[0], one), xy * areas[1]);
             let (yx, yy) = (yx * areas[0], yy.mul_add(areas[1], one));
@@ -234,15 +264,12 @@ impl<S: Simd, const N: usize> Task for ExactPdf<'_, S, N> {
             let mut place = Place::read(self.simd, program, self.points, start, values);
             let mut wi = read_directions(self.simd, self.wi, start);
             place.cameras.fold_lights(&mut wi);
-            let parts = self.sampler.invert(self.simd, &place, &wi, self.inversions);
+            let parts = self
+                .sampler
+                .invert(self.simd, &place, &wi, self.inversions);
             for q in 0..N {
                 let value = parts[0][q] + parts[1][q];
-                write(
-                    finite_or_zero(value, place.cameras.validity[q]),
-                    self.pdf,
-                    start,
-                    q,
-                );
+                write(finite_or_zero(value, place.cameras.validity[q]), self.pdf, start, q);
             }
         }
     }

@@ -4,7 +4,7 @@
 
 use super::math::sigmoid;
 use super::tile::each;
-use super::vector::Vector;
+use super::vector::{Simd, Task, Vector};
 use crate::network::Dense;
 use crate::spec::Activation;
 
@@ -233,56 +233,90 @@ pub struct Stack {
 
 /// Two buffers that layers write alternately.
 pub struct Buffers<V, const N: usize> {
-    first: Vec<[V; N]>,
-    second: Vec<[V; N]>,
+    rows: [Vec<[V; N]>; 2],
 }
 
 impl<V: Vector, const N: usize> Buffers<V, N> {
     /// Buffers for layers of up to `width` rows, filled with `zero`.
     pub fn new(width: usize, zero: V) -> Self {
         Buffers {
-            first: vec![[zero; N]; width],
-            second: vec![[zero; N]; width],
+            rows: [vec![[zero; N]; width], vec![[zero; N]; width]],
         }
     }
 
     /// The buffer whose rows [`Buffers::run`] takes as input.
     #[inline(always)]
     pub fn input(&mut self) -> &mut [[V; N]] {
-        &mut self.first
+        &mut self.rows[0]
     }
 
     /// Runs `stack` on the first rows of [`Buffers::input`], as many as it takes; the rows of its last layer.
     #[inline(always)]
-    pub fn run<C: Columns<V, N>>(&mut self, stack: &Stack) -> &[[V; N]] {
-        match stack.activation {
-            Activation::Silu => self.layers::<C, Silu>(stack),
-            Activation::Relu => self.layers::<C, Relu>(stack),
-        }
+    pub fn run<S: Simd<Vector = V>>(&mut self, simd: S, stack: &Stack) -> &[[V; N]] {
+        let rows = &mut self.rows;
+        simd.enter(Forward { rows, stack });
+        self.output(stack)
     }
 
     /// Runs `layer` alone on the first rows of [`Buffers::input`], as many as it takes; its rows.
     #[inline(always)]
     pub fn sums<C: Columns<V, N>>(&mut self, layer: &Layer) -> &[[V; N]] {
-        let out = &mut self.second[..layer.outputs];
-        layer.run::<V, C, Linear, N>(&self.first[..layer.inputs], out);
+        let [first, second] = &mut self.rows;
+        let out = &mut second[..layer.outputs];
+        layer.run::<V, C, Linear, N>(&first[..layer.inputs], out);
         out
     }
 
-    /// [`Buffers::run`] with the hidden layers' activation as a type.
+    /// [`Buffers::run`] for other columns, compiled into its caller, with the hidden layers' activation as a type.
     #[inline(always)]
     pub fn layers<C: Columns<V, N>, A: Activate>(&mut self, stack: &Stack) -> &[[V; N]] {
-        let (mut from, mut to) = (&mut self.first[..], &mut self.second[..]);
-        let mut width = stack.inputs;
-        for layer in &stack.hidden {
-            layer.run::<V, C, A, N>(&from[..width], &mut to[..layer.outputs]);
-            width = layer.outputs;
-            std::mem::swap(&mut from, &mut to);
-        }
-        let Some(last) = &stack.last else {
-            return &from[..width];
+        run_layers::<V, C, A, N>(&mut self.rows, stack);
+        self.output(stack)
+    }
+
+    /// Where `stack` leaves its result.
+    #[inline(always)]
+    fn output(&self, stack: &Stack) -> &[[V; N]] {
+        let layers = stack.hidden.len() + usize::from(stack.last.is_some());
+        let width = match (&stack.last, stack.hidden.last()) {
+            (Some(last), _) | (None, Some(last)) => last.outputs,
+            (None, None) => stack.inputs,
         };
+        &self.rows[layers % 2][..width]
+    }
+}
+
+/// Runs all layers of `stack`, from the first buffer on.
+#[inline(always)]
+fn run_layers<V: Vector, C: Columns<V, N>, A: Activate, const N: usize>(
+    rows: &mut [Vec<[V; N]>; 2],
+    stack: &Stack,
+) {
+    let [first, second] = rows;
+    let (mut from, mut to) = (&mut first[..], &mut second[..]);
+    let mut width = stack.inputs;
+    for layer in &stack.hidden {
+        layer.run::<V, C, A, N>(&from[..width], &mut to[..layer.outputs]);
+        width = layer.outputs;
+        std::mem::swap(&mut from, &mut to);
+    }
+    if let Some(last) = &stack.last {
         last.run::<V, C, Linear, N>(&from[..width], &mut to[..last.outputs]);
-        &to[..last.outputs]
+    }
+}
+
+/// [`Buffers::run`]: a task of its own, so that all queries share one copy of its code.
+struct Forward<'a, V, const N: usize> {
+    rows: &'a mut [Vec<[V; N]>; 2],
+    stack: &'a Stack,
+}
+
+impl<V: Vector, const N: usize> Task for Forward<'_, V, N> {
+    #[inline(always)]
+    fn run(self) {
+        match self.stack.activation {
+            Activation::Silu => run_layers::<V, Values, Silu, N>(self.rows, self.stack),
+            Activation::Relu => run_layers::<V, Values, Relu, N>(self.rows, self.stack),
+        }
     }
 }

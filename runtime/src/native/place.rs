@@ -3,11 +3,11 @@
 
 use super::chart::{Chart, Start};
 use super::encode::{Feature, Scalars};
-use super::kernel::{Buffers, Stack, Values};
+use super::kernel::{Buffers, Stack};
 use super::math::sigmoid;
 use super::program::{Program, features};
 use super::tile::{Cameras, Column, each, read_parameter};
-use super::vector::{Simd, Vector};
+use super::vector::{Simd, Task, Vector};
 use crate::anchor::{ANCHOR_SCALARS, Anchor};
 use crate::backend::Points;
 use crate::encoding::Quantity;
@@ -81,28 +81,13 @@ impl<'a, V: Vector, const N: usize> Place<'a, V, N> {
             anchor: [[zero; N]; ANCHOR_SCALARS],
             frames: [[zero; N]; OUTPUTS_MAX],
         };
-        let Some(frames) = &program.frames else {
-            return place;
-        };
-        if frames.mirror {
-            let [x, y] = frames.alpha;
-            let x: Column<V, N> = roughness(simd, x, &points, start);
-            let y: Column<V, N> = roughness(simd, y, &points, start);
-            for q in 0..N {
-                place.mirror[q] = Start::mirror(place.cameras.wo(q), [x[q], y[q]]);
-            }
-        }
-        if frames.scalars {
-            for q in 0..N {
-                for (column, scalar) in place.anchor.iter_mut().zip(place.mirror[q].scalars()) {
-                    column[q] = scalar;
-                }
-            }
-        }
-        place.scalars().encode(simd, &frames.inputs, buffers.input());
-        let rows = buffers.run::<Values>(&frames.net);
-        for (column, row) in place.frames.iter_mut().zip(rows) {
-            *column = *row;
+        if let Some(frames) = &program.frames {
+            simd.enter(Predict {
+                simd,
+                frames,
+                place: &mut place,
+                buffers,
+            });
         }
         place
     }
@@ -160,6 +145,46 @@ impl<'a, V: Vector, const N: usize> Place<'a, V, N> {
         match frames.anchors[c] {
             Anchor::Mirror => self.mirror[q],
             Anchor::Diffuse => Start::identity(self.frames[0][q]),
+        }
+    }
+}
+
+/// The part of [`Place::read`] that charts need: a task of its own, so that all queries share one copy of its code.
+struct Predict<'t, 'a, S: Simd, const N: usize> {
+    simd: S,
+    frames: &'t Frames,
+    place: &'t mut Place<'a, S::Vector, N>,
+    buffers: &'t mut Buffers<S::Vector, N>,
+}
+
+impl<S: Simd, const N: usize> Task for Predict<'_, '_, S, N> {
+    #[inline(always)]
+    fn run(self) {
+        let Predict {
+            simd,
+            frames,
+            place,
+            buffers,
+        } = self;
+        if frames.mirror {
+            let [x, y] = frames.alpha;
+            let x: Column<S::Vector, N> = roughness(simd, x, &place.points, place.start);
+            let y: Column<S::Vector, N> = roughness(simd, y, &place.points, place.start);
+            for q in 0..N {
+                place.mirror[q] = Start::mirror(place.cameras.wo(q), [x[q], y[q]]);
+            }
+        }
+        if frames.scalars {
+            for q in 0..N {
+                for (column, scalar) in place.anchor.iter_mut().zip(place.mirror[q].scalars()) {
+                    column[q] = scalar;
+                }
+            }
+        }
+        place.scalars().encode(simd, &frames.inputs, buffers.input());
+        let rows = buffers.run(simd, &frames.net);
+        for (column, row) in place.frames.iter_mut().zip(rows) {
+            *column = *row;
         }
     }
 }

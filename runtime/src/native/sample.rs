@@ -166,7 +166,7 @@ impl<S: Simd, const N: usize> Task for Learned<'_, S, N> {
         for start in (0..self.points.len()).step_by(queries::<S::Vector, N>()) {
             let draw = self.sampler.draw(self.simd, self.points, self.u, start);
             let Sampler { program, values, .. } = &mut *self.sampler;
-            let out = values.run::<Values>(&program.net);
+            let out = values.run(self.simd, &program.net);
             for q in 0..N {
                 let heads = draw.heads(program, [out[0][q], out[1][q]], q);
                 let light = draw.light(program, &heads, q);
@@ -219,7 +219,7 @@ impl<S: Simd, const N: usize> Task for Jacobian<'_, S, N> {
             let sums = values.sums::<Values>(&shift.first);
             for q in 0..N {
                 let u = [draw.u[0][q], draw.u[1][q]];
-                let [[gx, xx, xy], [gy, yx, yy]] = shift.after(sums, q, u);
+                let [[gx, xx, xy], [gy, yx, yy]] = shift.after(self.simd, sums, q, u);
                 let heads = draw.heads(program, [gx, gy], q);
                 let light = draw.light(program, &heads, q);
                 let (shift_x, shift_y) = (heads[0].by_shift(), heads[1].by_shift());

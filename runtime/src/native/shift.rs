@@ -5,7 +5,7 @@ use super::encode::{Feature, encode_tangents};
 use super::kernel::{Activate, Buffers, Layer, Linear, Relu, Silu, Stack, TANGENT_COLUMNS, Tangents};
 use super::program::Program;
 use super::tile::Column;
-use super::vector::Vector;
+use super::vector::{Simd, Task, Vector};
 use crate::encoding::{Encoding, Quantity};
 use crate::network::{Dense, Network};
 use crate::spec::{Activation, Input, NetworkSpec};
@@ -80,66 +80,95 @@ impl<V: Vector> Shift<V> {
 
     /// Both coordinates for vector `q` of the first layer's `sums`, which `u` has entered.
     #[inline(always)]
-    pub fn after<const N: usize>(
+    pub fn after<S: Simd<Vector = V>, const N: usize>(
         &mut self,
+        simd: S,
         sums: &[Column<V, N>],
         q: usize,
         u: [V; 2],
     ) -> [Slopes<V>; COORDINATES] {
-        self.enter::<N, true>(sums, q, u)
+        self.run(simd, sums, q, u, true)
     }
 
     /// Both coordinates for vector `q` of the sums of [`Shift::others`], and for `u`.
     #[inline(always)]
-    pub fn at<const N: usize>(
+    pub fn at<S: Simd<Vector = V>, const N: usize>(
         &mut self,
+        simd: S,
         sums: &[Column<V, N>],
         q: usize,
         u: [V; 2],
     ) -> [Slopes<V>; COORDINATES] {
-        self.enter::<N, false>(sums, q, u)
+        self.run(simd, sums, q, u, false)
     }
 
     #[inline(always)]
-    fn enter<const N: usize, const ENTERED: bool>(
+    fn run<S: Simd<Vector = V>, const N: usize>(
         &mut self,
+        simd: S,
         sums: &[Column<V, N>],
         q: usize,
         u: [V; 2],
+        entered: bool,
     ) -> [Slopes<V>; COORDINATES] {
-        match (&self.rest.last, self.rest.activation) {
-            (None, _) => self.run::<Linear, N, ENTERED>(sums, q, u),
-            (Some(_), Activation::Silu) => self.run::<Silu, N, ENTERED>(sums, q, u),
-            (Some(_), Activation::Relu) => self.run::<Relu, N, ENTERED>(sums, q, u),
+        let mut out = [[simd.splat(0.0); TANGENT_COLUMNS]; COORDINATES];
+        simd.enter(Enter {
+            shift: self,
+            sums,
+            q,
+            u,
+            entered,
+            out: &mut out,
+        });
+        out
+    }
+}
+
+/// Both ways to run a shift: a task of its own, so that they share one copy of its code.
+struct Enter<'a, V, const N: usize> {
+    shift: &'a mut Shift<V>,
+    sums: &'a [Column<V, N>],
+    q: usize,
+    u: [V; 2],
+    /// Whether u is in the sums.
+    entered: bool,
+    out: &'a mut [Slopes<V>; COORDINATES],
+}
+
+impl<V: Vector, const N: usize> Task for Enter<'_, V, N> {
+    #[inline(always)]
+    fn run(self) {
+        match (&self.shift.rest.last, self.shift.rest.activation) {
+            (None, _) => self.activate::<Linear>(),
+            (Some(_), Activation::Silu) => self.activate::<Silu>(),
+            (Some(_), Activation::Relu) => self.activate::<Relu>(),
         }
     }
+}
 
+impl<V: Vector, const N: usize> Enter<'_, V, N> {
     #[inline(always)]
-    fn run<A: Activate, const N: usize, const ENTERED: bool>(
-        &mut self,
-        sums: &[Column<V, N>],
-        q: usize,
-        u: [V; 2],
-    ) -> [Slopes<V>; COORDINATES] {
-        let entered = sums.iter().zip(self.buffers.input());
-        match &self.constant {
-            Some(slopes) if ENTERED => {
+    fn activate<A: Activate>(self) {
+        let Enter { shift, sums, q, .. } = self;
+        let entered = sums.iter().zip(shift.buffers.input());
+        match &shift.constant {
+            Some(slopes) if self.entered => {
                 for ((sum, row), &[dx, dy]) in entered.zip(slopes) {
                     let x = sum[q];
                     *row = A::tangents([x, x.splat(dx), x.splat(dy)]);
                 }
             }
             _ => {
-                encode_tangents(&self.encodings, u, self.entry.input());
-                let own = self.entry.sums::<Tangents>(&self.own);
+                encode_tangents(&shift.encodings, self.u, shift.entry.input());
+                let own = shift.entry.sums::<Tangents>(&shift.own);
                 for ((sum, row), &[x, dx, dy]) in entered.zip(own) {
-                    let x = if ENTERED { sum[q] } else { sum[q] + x };
+                    let x = if self.entered { sum[q] } else { sum[q] + x };
                     *row = A::tangents([x, dx, dy]);
                 }
             }
         }
-        let out = self.buffers.layers::<Tangents, A>(&self.rest);
-        [out[0], out[1]]
+        let rows = shift.buffers.layers::<Tangents, A>(&shift.rest);
+        *self.out = [rows[0], rows[1]];
     }
 }
 

@@ -268,16 +268,19 @@ fn any_inputs(rng: &mut Rng, spec: &NetworkSpec, of_frame: bool) -> Vec<Input> {
                 Encoding::Slant,
             ]);
         }
-        let range = match quantity {
-            Quantity::Parameter(p) => [free[p].1, free[p].2],
-            _ => [0.0, 1.5],
+        // A root has no slope at 0, where directions may lie.
+        let scales = match quantity {
+            Quantity::Parameter(p) => {
+                let range = [free[p].1, free[p].2];
+                vec![
+                    Scale::None,
+                    Scale::Linear(range),
+                    Scale::Sqrt(range),
+                    Scale::Decay(range),
+                ]
+            }
+            _ => vec![Scale::None, Scale::Linear([-1.0, 1.0]), Scale::Decay([-1.0, 1.5])],
         };
-        let scales = [
-            Scale::None,
-            Scale::Linear(range),
-            Scale::Sqrt(range),
-            Scale::Decay(range),
-        ];
         let encoding = pick(rng, &encodings);
         // Directions encoded as such must stay directions, and u has no scale.
         let plain = quantity == Quantity::U || matches!(encoding, Encoding::Grazing | Encoding::Slant);

@@ -61,13 +61,13 @@ impl Queries {
     pub fn hard() -> Queries {
         let polar = |theta_deg: f64, phi_deg: f64| {
             let (theta, phi) = (theta_deg.to_radians(), phi_deg.to_radians());
-            [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()].map(|c| c as f32)
+            unit_f32([theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()])
         };
         let mut directions = vec![
             [0.0, 0.0, 1.0],
             [-0.0, -0.0, 1.0],
             [1.0, 0.0, 1e-7],
-            [-0.6, 0.8, 1e-20],
+            [0.0, -1.0, 1e-20],
         ];
         for theta in [0.01, 45.0, 80.0, 89.0, 89.99] {
             directions.extend([0.0, 90.0, 135.0, 180.0, 301.0].map(|phi| polar(theta, phi)));
@@ -117,11 +117,7 @@ impl Queries {
 
     /// Query `i` in f64.
     pub fn at(&self, i: usize) -> Exact {
-        let unit = |columns: &[Vec<f32>; 3]| {
-            let w: [f64; 3] = std::array::from_fn(|c| f64::from(columns[c][i]));
-            let length = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]).sqrt();
-            w.map(|c| c / length)
-        };
+        let unit = |columns: &[Vec<f32>; 3]| normalised(std::array::from_fn(|c| f64::from(columns[c][i])));
         let param = |column: &Vec<f32>| f64::from(*column.get(i).unwrap_or(&column[0]));
         Exact {
             params: self.params.iter().map(param).collect(),
@@ -152,6 +148,42 @@ fn uniform_f32(u: f64) -> f32 {
     (u as f32).min(1.0 - f32::EPSILON / 2.0)
 }
 
+/// `w` made unit.
+pub fn normalised(w: [f64; 3]) -> [f64; 3] {
+    let length = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]).sqrt();
+    w.map(|c| c / length)
+}
+
+/// A unit vector near `w`, far more precisely so than rounding to f32 leaves it: backends do not make directions unit, and
+/// formulas that are equal for unit vectors differ by what these lack.
+fn unit_f32(w: [f64; 3]) -> [f32; 3] {
+    let [x, y, z] = normalised(w);
+    // The components that rounding moves least make up for what it did to the others.
+    let start = if z > 0.5 {
+        let z = (z as f32).min(1.0 - f32::EPSILON / 2.0);
+        let scale = (1.0 - f64::from(z).powi(2)).sqrt() / x.hypot(y).max(f64::MIN_POSITIVE);
+        [(x * scale) as f32, (y * scale) as f32, z]
+    } else {
+        let [x, y] = [x, y].map(|c| (c as f32).clamp(f32::EPSILON / 2.0 - 1.0, 1.0 - f32::EPSILON / 2.0));
+        let rest = 1.0 - f64::from(x).powi(2) - f64::from(y).powi(2);
+        [x, y, rest.max(1e-9).sqrt() as f32]
+    };
+    let steps = |c: f32| (-3..=3).map(move |k: i32| f32::from_bits(c.to_bits().wrapping_add_signed(k)));
+    let choices = |c: f32| if c == 0.0 { vec![c] } else { steps(c).collect::<Vec<_>>() };
+    let mut best = (f64::INFINITY, start);
+    for x in choices(start[0]) {
+        for y in choices(start[1]) {
+            for z in choices(start[2]) {
+                let length2: f64 = [x, y, z].map(|c| f64::from(c).powi(2)).iter().sum();
+                if (length2 - 1.0).abs() < best.0 {
+                    best = ((length2 - 1.0).abs(), [x, y, z]);
+                }
+            }
+        }
+    }
+    best.1
+}
+
 /// A unit vector above the horizon.
 fn direction(rng: &mut Rng) -> [f32; 3] {
     let [a, b] = rng.pair();
@@ -161,7 +193,7 @@ fn direction(rng: &mut Rng) -> [f32; 3] {
         1e-3 + 0.999 * a
     };
     let r = (1.0 - z * z).sqrt();
-    [r * (TAU * b).cos(), r * (TAU * b).sin(), z].map(|c| c as f32)
+    unit_f32([r * (TAU * b).cos(), r * (TAU * b).sin(), z])
 }
 
 /// Everything a backend answers.
