@@ -6,6 +6,7 @@ use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::onnxruntime::OrtBackend;
 use bake_runtime::{Backend, BakedMaterial, Role};
 use bake_scenes::Scene;
+use bake_train::card::Mixture;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -72,4 +73,13 @@ pub fn native(material: &BakedMaterial) -> bake_runtime::Result<Box<dyn Backend>
 /// The onnxruntime backend on the ONNX files in `folder`.
 pub fn ort(folder: &Path) -> bake_runtime::Result<Box<dyn Backend>> {
     Ok(Box::new(OrtBackend::new(folder)?))
+}
+
+/// Draws from two charts by their exact mixture, by the native backend.
+pub fn mixture(material: &BakedMaterial) -> bake_runtime::Result<Mixture<'static>> {
+    let mut backend = NativeBackend::new(material, Tier::best())?;
+    Ok(Box::new(move |points, u, wi, jacobian| {
+        let inversions = backend.sample_mixture(points, u, wi, jacobian)?;
+        Ok(inversions.unconverged as usize)
+    }))
 }

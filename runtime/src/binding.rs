@@ -2,7 +2,7 @@
 
 use crate::conductor::Conductor;
 use crate::error::{Error, Result, check, component};
-use crate::family::Family;
+use crate::family::{Family, Kind};
 use crate::field::Fields;
 use crate::material::Material;
 use crate::reference::Reference;
@@ -82,6 +82,22 @@ impl Material {
             }
         }
         Ok(replaced)
+    }
+
+    /// This material with everything free that may be, over the family's whole ranges.
+    pub fn widest(&self) -> Material {
+        let mut widest = self.clone();
+        for (name, setting) in &mut widest.parameters {
+            let kind = self.family.parameter(name).map(|p| p.kind);
+            if let Some(Kind::Numbers { lowest, highest, .. }) = kind {
+                let free = Scalar::Free {
+                    min: lowest,
+                    max: highest,
+                };
+                setting.scalars_mut().fill(free);
+            }
+        }
+        widest
     }
 
     /// This material with the middle of its range for every free scalar.

@@ -7,8 +7,7 @@ use crate::progress::Stages;
 use anyhow::{Context, Result};
 use bake_runtime::Material;
 use bake_train::bake::{Effort, bake};
-use bake_train::card::{Card, TrainingCost};
-use bake_train::maps::Counts;
+use bake_train::card::Card;
 use bake_train::presets::Preset;
 use std::path::Path;
 use std::time::Instant;
@@ -55,12 +54,18 @@ impl Order<'_> {
         }
         prepare_folder(&work)?;
         let effort = Effort::of(self.preset, self.material, self.quick);
-        let baked = bake(self.material, self.preset, effort, self.seed, &work, &|stage, done, total| {
-            stages.report(stage.label(), done, total)
-        })?;
+        let baked = bake(
+            self.material,
+            self.preset,
+            effort,
+            self.seed,
+            &work,
+            &|stage, done, total| stages.report(stage.label(), done, total),
+        )?;
         stages.finish();
-        let sum = |f: fn(&Counts) -> usize| baked.maps.strata.iter().map(f).sum::<usize>();
-        let (fallbacks, maps) = (sum(|c| c.fallbacks), sum(|c| c.maps));
+        let counts = baked.cost.maps.fallback_maps;
+        let fallbacks: usize = counts.iter().map(|(fallen, _)| fallen).sum();
+        let maps: usize = counts.iter().map(|(_, all)| all).sum();
         if fallbacks > 0 {
             output::warn(&format!(
                 "{fallbacks} of {maps} maps are marginal maps, because transport failed there"
@@ -75,20 +80,14 @@ impl Order<'_> {
         let provenance = Provenance {
             seed: self.seed,
             command: self.command,
-            training: Some(TrainingCost {
-                seconds: baked.train_seconds,
-                maps_seconds: baked.maps_seconds,
-                samples: baked.samples,
-                threads: rayon::current_num_threads(),
-                fallback_maps: baked.maps.strata.map(|c| (c.fallbacks, c.maps)),
-            }),
+            training: Some(baked.cost.clone()),
         };
         let every = if self.quick { check::QUICK_EVERY } else { 1 };
         let card = check::measure(&baked.material, folder, provenance, every, stages)?;
         write_json(&folder.join(CARD_FILE), &card)?;
         let took = Took {
-            maps: baked.maps_seconds,
-            train: baked.train_seconds,
+            maps: baked.cost.maps_seconds,
+            train: baked.cost.seconds,
             export,
             check: clock.elapsed().as_secs_f64(),
         };

@@ -8,7 +8,8 @@ use anyhow::{Context, Result};
 use bake_runtime::BakedMaterial;
 use bake_runtime::native::Tier;
 use bake_train::card::heldout::PER_STRATUM;
-use bake_train::card::{self, Card, Size, TrainingCost};
+use bake_train::card::{self, Card, Runners, Size, TrainingCost};
+use bake_train::presets::Preset;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -36,7 +37,7 @@ pub fn run(options: &CheckOptions) -> Result<()> {
         Some(card) => Provenance {
             seed: card.seed,
             command: card.command.clone(),
-            training: card.training,
+            training: card.training.clone(),
         },
         None => Provenance {
             seed: 0,
@@ -100,14 +101,17 @@ pub fn measure(
     if provenance.training.is_none() {
         nulls.insert("training".into(), "there was no card that recorded it".into());
     }
-    let (errors, parity, cost) = card::check(
-        material,
-        Tier::best().name(),
-        &native,
-        has_ort.then_some(&ort),
-        every,
-        &|done, total| stages.report("checking held-out slices", done, total),
-    )?;
+    let mixture = || backends::mixture(material);
+    let charts = material.sample.spec.charts().map_or(0, |c| c.anchors.len());
+    let runners = Runners {
+        tier: Tier::best().name(),
+        native: &native,
+        ort: has_ort.then_some(&ort),
+        mixture: (charts > 1).then_some(&mixture),
+    };
+    let (errors, parity, cost) = card::check(material, &runners, every, &|done, total| {
+        stages.report("checking held-out slices", done, total)
+    })?;
     stages.finish();
     let spec = &material.sample.spec;
     let networks = [&material.sample, &material.eval, &material.pdf];
@@ -115,7 +119,7 @@ pub fn measure(
         format: card::FORMAT,
         material: spec.material.name.clone(),
         family: spec.material.family.name().to_string(),
-        preset: "warp".to_string(),
+        preset: Preset::of(spec).name().to_string(),
         domain: spec.material.clone(),
         seed: provenance.seed,
         command: provenance.command,

@@ -63,7 +63,7 @@ struct Report {
 /// Runs the command.
 pub fn run(options: &SceneOptions) -> Result<()> {
     let started = Instant::now();
-    let scene = load(&options.scene, Material::conductor)?;
+    let scene = load(&options.scene, Material::reference)?;
     let out = options
         .out
         .clone()

@@ -66,9 +66,17 @@ fn say_domain(material: &Material, preset: Preset) -> Result<()> {
     let own = macs(material)?;
     let what = match names.is_empty() {
         true => "only the directions remain as inputs".to_string(),
-        false => format!("{} free inputs beside the directions: {}", names.len(), names.join(", ")),
+        false => format!(
+            "{} free inputs beside the directions: {}",
+            names.len(),
+            names.join(", ")
+        ),
     };
-    output::line(&format!("{} ({}, {preset} preset): {what}", material.name, material.family.name()));
+    output::line(&format!(
+        "{} ({}, {preset} preset): {what}",
+        material.name,
+        material.family.name()
+    ));
     if material.family != Family::Imported {
         let widest = material.widest();
         let fixed = widest.free().len() - free.len();

@@ -1,5 +1,6 @@
 //! The bake of one material: frames, maps, and the three networks, with presets for how much work to spend.
 
+use crate::card::{MapsUsed, PaperTraining, Recipe, TrainingCost};
 use crate::charts::ChartsNetwork;
 use crate::database;
 use crate::error::Result;
@@ -15,6 +16,7 @@ use crate::training::schedule::Schedule;
 use crate::training::{density, sample};
 use crate::transport::Solver;
 use bake_runtime::{BakedMaterial, Dense, Material, Network, NetworkSpec, Role};
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
@@ -95,14 +97,8 @@ impl Stage {
 pub struct Bake {
     /// The three networks.
     pub material: BakedMaterial,
-    /// Seconds for slices, frames and maps in this run (resumed work is not counted again).
-    pub maps_seconds: f64,
-    /// Seconds for the three networks in this run.
-    pub train_seconds: f64,
-    /// Training samples drawn, over all networks.
-    pub samples: u64,
-    /// How the maps came out.
-    pub maps: Summary,
+    /// What the training cost; seconds are those of this run (resumed work is not counted again).
+    pub cost: TrainingCost,
 }
 
 /// Bakes `material`, keeping checkpoints in `work` and taking up what lies there.
@@ -206,8 +202,14 @@ impl<'a> Oven<'a> {
         };
         let [sample_spec, eval_spec, pdf_spec] = &self.specs;
         let tick = self.tick(Stage::Charts);
-        let charts =
-            ChartsNetwork::train(sample_spec, charts_plan, self.material, &places, self.work, &tick)?;
+        let charts = ChartsNetwork::train(
+            sample_spec,
+            charts_plan.clone(),
+            self.material,
+            &places,
+            self.work,
+            &tick,
+        )?;
         let (summary, slices) = self.maps(&places, Charts::Predicted(&charts), Solver::Frame)?;
         let maps_seconds = started.elapsed().as_secs_f64();
 
@@ -238,12 +240,13 @@ impl<'a> Oven<'a> {
             &tick,
         )?;
         let train_seconds = started.elapsed().as_secs_f64();
-        Ok(self.done(
-            [sampler, eval, pdf],
-            &charts.layers,
-            [maps_seconds, train_seconds],
-            summary,
-        ))
+        let plans = [charts_plan, plan("sample", 1), plan("eval", 2), plan("pdf", 3)];
+        let cost = TrainingCost {
+            maps: MapsUsed::new(Solver::Frame, maps::CELLS, false, &summary),
+            networks: recipes(&plans),
+            ..self.cost([maps_seconds, train_seconds])
+        };
+        Ok(self.done([sampler, eval, pdf], &charts.layers, cost))
     }
 
     /// Where only `wo` is free, maps are made as the paper makes them; else by our solver, and expressed on the disk.
@@ -266,27 +269,40 @@ impl<'a> Oven<'a> {
         let train = |spec: &NetworkSpec, plan: Plan, stage: Stage| {
             disk::train(spec, plan, &set, self.work, &self.context, &self.tick(stage))
         };
-        let [sample_spec, eval_spec, pdf_spec] = &self.specs;
-        let sampler = train(
-            sample_spec,
+        let plans = [
             self.plan("sample", 1, PAPER_RATE, adam),
-            Stage::Sample,
-        )?;
-        let eval = train(eval_spec, self.plan("eval", 2, PAPER_RATE, ranger), Stage::Eval)?;
-        let pdf = train(pdf_spec, self.plan("pdf", 3, PAPER_RATE, ranger), Stage::Pdf)?;
+            self.plan("eval", 2, PAPER_RATE, ranger),
+            self.plan("pdf", 3, PAPER_RATE, ranger),
+        ];
+        let [sample_spec, eval_spec, pdf_spec] = &self.specs;
+        let sampler = train(sample_spec, plans[0].clone(), Stage::Sample)?;
+        let eval = train(eval_spec, plans[1].clone(), Stage::Eval)?;
+        let pdf = train(pdf_spec, plans[2].clone(), Stage::Pdf)?;
         let train_seconds = started.elapsed().as_secs_f64();
-        Ok(self.done([sampler, eval, pdf], &[], [maps_seconds, train_seconds], summary))
+        let cost = TrainingCost {
+            maps: MapsUsed::new(solver, maps::CELLS, true, &summary),
+            networks: recipes(&plans),
+            paper: Some(PaperTraining::printed()),
+            ..self.cost([maps_seconds, train_seconds])
+        };
+        Ok(self.done([sampler, eval, pdf], &[], cost))
     }
 
-    fn done(
-        self,
-        networks: [Mlp; 3],
-        frame: &[Dense],
-        [maps_seconds, train_seconds]: [f64; 2],
-        maps: Summary,
-    ) -> Bake {
+    /// What the training cost, as far as both presets have it in common.
+    fn cost(&self, [maps_seconds, seconds]: [f64; 2]) -> TrainingCost {
         let steps: u64 = self.effort.steps[1..].iter().sum();
-        let samples = steps * self.effort.batch as u64;
+        TrainingCost {
+            seconds,
+            maps_seconds,
+            samples: steps * self.effort.batch as u64,
+            threads: rayon::current_num_threads(),
+            maps: MapsUsed::new(Solver::Frame, maps::CELLS, false, &Summary::default()),
+            networks: BTreeMap::new(),
+            paper: None,
+        }
+    }
+
+    fn done(self, networks: [Mlp; 3], frame: &[Dense], cost: TrainingCost) -> Bake {
         let mut built = self.specs.into_iter().zip(networks).map(|(spec, mlp)| Network {
             spec,
             frame: frame.to_vec(),
@@ -299,10 +315,15 @@ impl<'a> Oven<'a> {
                 eval: next(),
                 pdf: next(),
             },
-            maps_seconds,
-            train_seconds,
-            samples,
-            maps,
+            cost,
         }
     }
+}
+
+/// How each network is trained, by its name.
+fn recipes(plans: &[Plan]) -> BTreeMap<String, Recipe> {
+    plans
+        .iter()
+        .map(|plan| (plan.stage.to_string(), Recipe::of(plan)))
+        .collect()
 }

@@ -87,9 +87,7 @@ struct Tile<'t, 'a, S: Simd, const N: usize> {
 impl<S: Simd, const N: usize> Task for Tile<'_, '_, S, N> {
     #[inline(always)]
     fn run(self) {
-        let Tile {
-            simd, place, wi, ..
-        } = self;
+        let Tile { simd, place, wi, .. } = self;
         let Sampler {
             program,
             shift,
@@ -264,12 +262,15 @@ impl<S: Simd, const N: usize> Task for ExactPdf<'_, S, N> {
             let mut place = Place::read(self.simd, program, self.points, start, values);
             let mut wi = read_directions(self.simd, self.wi, start);
             place.cameras.fold_lights(&mut wi);
-            let parts = self
-                .sampler
-                .invert(self.simd, &place, &wi, self.inversions);
+            let parts = self.sampler.invert(self.simd, &place, &wi, self.inversions);
             for q in 0..N {
                 let value = parts[0][q] + parts[1][q];
-                write(finite_or_zero(value, place.cameras.validity[q]), self.pdf, start, q);
+                write(
+                    finite_or_zero(value, place.cameras.validity[q]),
+                    self.pdf,
+                    start,
+                    q,
+                );
             }
         }
     }

@@ -12,7 +12,9 @@ const UNIT_TOL: f64 = 1e-6;
 /// Named kinds and some random specifications, with a seed for each.
 fn materials() -> impl Iterator<Item = (u64, Kind, BakedMaterial)> {
     let kinds = Kind::NAMED.into_iter().chain((0..12).map(Kind::Any));
-    (0..).zip(kinds).map(|(seed, kind)| (seed, kind, kind.build(seed)))
+    (0..)
+        .zip(kinds)
+        .map(|(seed, kind)| (seed, kind, kind.build(seed)))
 }
 
 #[test]
@@ -57,8 +59,16 @@ fn repeated_calls_give_the_same_bytes_and_both_estimators_the_same_direction() {
                 assert_eq!(again.inversions, once.inversions, "{kind:?}, {tier:?}");
             }
             let wi = once.wi.each_ref().map(|c| bits(c));
-            assert_eq!(wi, once.wi_of_jacobian.each_ref().map(|c| bits(c)), "{kind:?}, {tier:?}");
-            assert_eq!(wi, once.wi_of_mixture.each_ref().map(|c| bits(c)), "{kind:?}, {tier:?}");
+            assert_eq!(
+                wi,
+                once.wi_of_jacobian.each_ref().map(|c| bits(c)),
+                "{kind:?}, {tier:?}"
+            );
+            assert_eq!(
+                wi,
+                once.wi_of_mixture.each_ref().map(|c| bits(c)),
+                "{kind:?}, {tier:?}"
+            );
         }
     }
 }
@@ -129,12 +139,19 @@ fn bad_queries_give_zeros_and_leave_their_neighbours_alone() {
                 [&good, &bad_wo, &bad_wi, &bad_params].map(|queries| run(&mut backend, queries));
             for (c, (name, expected)) in expected.columns().into_iter().enumerate() {
                 let samples = name.starts_with("wi") || ["weight", "jacobian", "mixture"].contains(&name);
-                let zero = if name.starts_with("wi") && c % 3 == 2 { 1.0 } else { 0.0 };
+                let zero = if name.starts_with("wi") && c % 3 == 2 {
+                    1.0
+                } else {
+                    0.0
+                };
                 for i in 0..good.len() {
                     let check = |answers: &Answers, fails: bool, what: &str| {
                         let expected = if fails && is_bad(i) { zero } else { expected[i] };
                         let found = answers.columns()[c].1[i];
-                        assert_eq!(found, expected, "{name} of query {i}, bad {what}, {kind:?}, {tier:?}");
+                        assert_eq!(
+                            found, expected,
+                            "{name} of query {i}, bad {what}, {kind:?}, {tier:?}"
+                        );
                     };
                     check(&of_wo, true, "wo");
                     check(&of_wi, !samples, "wi");

@@ -169,7 +169,13 @@ fn unit_f32(w: [f64; 3]) -> [f32; 3] {
         [x, y, rest.max(1e-9).sqrt() as f32]
     };
     let steps = |c: f32| (-3..=3).map(move |k: i32| f32::from_bits(c.to_bits().wrapping_add_signed(k)));
-    let choices = |c: f32| if c == 0.0 { vec![c] } else { steps(c).collect::<Vec<_>>() };
+    let choices = |c: f32| {
+        if c == 0.0 {
+            vec![c]
+        } else {
+            steps(c).collect::<Vec<_>>()
+        }
+    };
     let mut best = (f64::INFINITY, start);
     for x in choices(start[0]) {
         for y in choices(start[1]) {

@@ -40,7 +40,9 @@ fn moved_network(network: &Network, rng: &mut Rng) -> Network {
     if let Geometry::Charts(charts) = &mut network.spec.geometry {
         for alpha in &mut charts.alpha {
             match alpha {
-                Roughness::Fixed(value) | Roughness::Free { factor: value, .. } => *value = moved(*value, rng),
+                Roughness::Fixed(value) | Roughness::Free { factor: value, .. } => {
+                    *value = moved(*value, rng)
+                }
             }
         }
     }
@@ -48,9 +50,7 @@ fn moved_network(network: &Network, rng: &mut Rng) -> Network {
 }
 
 fn moved_query(query: &Exact, rng: &mut Rng) -> Exact {
-    let mut unit = |w: [f64; 3]| {
-        normalised(w.map(|c| moved(c, rng)))
-    };
+    let mut unit = |w: [f64; 3]| normalised(w.map(|c| moved(c, rng)));
     let (wo, wi) = (unit(query.wo), unit(query.wi));
     Exact {
         params: query.params.iter().map(|p| moved(*p, rng)).collect(),
@@ -129,7 +129,8 @@ fn floors(material: &BakedMaterial, query: &Exact, row: &[f64]) -> Vec<f64> {
     let sample = oracle::sample(&material.sample, &query.params, query.wo, query.u);
     let boost = boost_condition(&material.sample, query, &sample);
     let lights = [FLOOR * boost, FLOOR * boost, FLOOR * boost * sample.wi[2]];
-    let [of_eval, of_pdf] = [&material.eval, &material.pdf].map(|network| condition(network, query, query.wi));
+    let [of_eval, of_pdf] =
+        [&material.eval, &material.pdf].map(|network| condition(network, query, query.wi));
     let mut of_jacobian = boost * terms(&material.sample, query, &sample);
     if material.pdf.spec.outputs() > 1 {
         of_jacobian *= condition(&material.pdf, query, sample.wi) * (row[15] / sample.jacobian).abs();
@@ -183,4 +184,3 @@ pub fn expected(material: &BakedMaterial, queries: &Queries, seed: u64) -> Vec<V
     }
     columns
 }
-

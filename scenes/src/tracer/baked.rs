@@ -3,9 +3,8 @@
 use super::lanes::Lanes;
 use super::shader::{Batch, Scattered, Shader};
 use crate::error::Result;
-use bake_runtime::Backend;
-use bake_runtime::conductor::Conductor;
 use bake_runtime::estimator::{exact_f_cos, exact_weight};
+use bake_runtime::{Backend, Points, Reference};
 
 /// Where the weight of a baked sample comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +36,7 @@ pub struct BakedShader {
     /// Runs the networks.
     pub backend: Box<dyn Backend>,
     /// The model that the networks were baked from.
-    pub reference: Conductor,
+    pub reference: Reference,
     /// Where weights come from.
     pub estimator: Estimator,
     jacobian: Vec<f32>,
@@ -45,7 +44,7 @@ pub struct BakedShader {
 
 impl BakedShader {
     /// Binds the three.
-    pub fn new(backend: Box<dyn Backend>, reference: Conductor, estimator: Estimator) -> BakedShader {
+    pub fn new(backend: Box<dyn Backend>, reference: Reference, estimator: Estimator) -> BakedShader {
         BakedShader {
             backend,
             reference,
@@ -65,10 +64,10 @@ impl BakedShader {
 
 impl Shader for BakedShader {
     fn eval(&mut self, batch: &mut Batch, out: &mut Scattered) -> Result<()> {
-        let (wo, wi) = (batch.wo.slices(), out.wi.slices());
-        self.backend.pdf(wo, wi, &mut out.pdf)?;
+        let (points, wi) = (Points::fixed(batch.wo.slices()), out.wi.slices());
+        self.backend.pdf(points, wi, &mut out.pdf)?;
         if self.estimator == Estimator::ExactBaked {
-            return Ok(self.backend.eval(wo, wi, out.value.slices_mut())?);
+            return Ok(self.backend.eval(points, wi, out.value.slices_mut())?);
         }
         for (i, (rng, &pdf)) in batch.rng.iter_mut().zip(&out.pdf).enumerate() {
             let (wo, wi) = (batch.wo.unit_at(i), out.wi.unit_at(i));
@@ -80,16 +79,17 @@ impl Shader for BakedShader {
 
     fn sample(&mut self, batch: &mut Batch, out: &mut Scattered) -> Result<()> {
         let u = [batch.u[0].as_slice(), batch.u[1].as_slice()];
+        let points = Points::fixed(batch.wo.slices());
         if self.estimator == Estimator::Learned {
             self.backend
-                .sample_learned(batch.wo.slices(), u, out.wi.slices_mut(), out.value.slices_mut())?;
+                .sample_learned(points, u, out.wi.slices_mut(), out.value.slices_mut())?;
         } else {
             self.jacobian.resize(batch.wo.len(), 0.0);
             self.backend
-                .sample_jacobian(batch.wo.slices(), u, out.wi.slices_mut(), &mut self.jacobian)?;
+                .sample_jacobian(points, u, out.wi.slices_mut(), &mut self.jacobian)?;
             if self.estimator == Estimator::ExactBaked {
-                let (wo, wi) = (batch.wo.slices(), out.wi.slices());
-                self.backend.eval(wo, wi, out.value.slices_mut())?;
+                self.backend
+                    .eval(points, out.wi.slices(), out.value.slices_mut())?;
                 self.times_jacobian(&mut out.value);
             } else {
                 for (i, (rng, &jacobian)) in batch.rng.iter_mut().zip(&self.jacobian).enumerate() {
@@ -99,8 +99,6 @@ impl Shader for BakedShader {
                 }
             }
         }
-        Ok(self
-            .backend
-            .pdf(batch.wo.slices(), out.wi.slices(), &mut out.pdf)?)
+        Ok(self.backend.pdf(points, out.wi.slices(), &mut out.pdf)?)
     }
 }

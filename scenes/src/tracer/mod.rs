@@ -151,7 +151,7 @@ fn new_wavefront<'a>(
                     Method::Baked(estimator) => {
                         shaders.push(Box::new(BakedShader::new(
                             backends(&material.name)?,
-                            material.conductor()?,
+                            material.reference()?,
                             estimator,
                         )));
                         continue;

@@ -2,7 +2,7 @@
 
 use crate::maps::Summary;
 use crate::optimiser::Rule;
-use crate::training::trainer::Plan;
+use crate::training::run::Plan;
 use crate::transport::Solver;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
