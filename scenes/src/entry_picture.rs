@@ -1,5 +1,5 @@
 //! One entry of a database of importance maps: the slice, and for each of its charts the map, what it draws and its
-//! weights, as Xia et al. show them in their Figs. 7 and 9.
+//! weights, as Bai et al. show them in their Figs. 7 and 9.
 
 use crate::error::{Error, Result};
 use crate::label;

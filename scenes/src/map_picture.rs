@@ -1,4 +1,4 @@
-//! Importance maps of several solvers side by side, as Xia et al. show them in their Figs. 6 and 9.
+//! Importance maps of several solvers side by side, as Bai et al. show them in their Figs. 6 and 9.
 //!
 //! A column per solver: the map, the histogram of what it draws, how far that is from the truth, and numbers. On the
 //! left is what they should draw.

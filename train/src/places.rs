@@ -1,6 +1,6 @@
 //! Places: the parameters and camera directions that slices are made at.
 //!
-//! Drawn as Xia et al. 2023, §5.1, draw them: roughness evenly in its square root, θ_o = 90°·√ξ, the rest evenly; not at
+//! Drawn as Bai et al. 2023, §5.1, draw them: roughness evenly in its square root, θ_o = 90°·√ξ, the rest evenly; not at
 //! random, but by a scrambled Sobol sequence (Burley 2020), so that any number of first places fills the domain evenly.
 
 use bake_runtime::{Family, Material, Rng};

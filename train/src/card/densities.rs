@@ -21,7 +21,7 @@ const PDF_SUB: usize = 4;
 const CHART_CELLS: usize = 64;
 /// Bins that expect fewer samples are left out of χ², as its distribution asks.
 const CHI2_MIN_EXPECTED: f64 = 5.0;
-/// ε of the SMAPE (Xia et al. 2023, §5.2).
+/// ε of the SMAPE (Bai et al. 2023, §5.2).
 const SMAPE_EPSILON: f64 = 0.01;
 
 /// Scores of the evaluation and the pdf network.
@@ -31,7 +31,7 @@ pub(super) struct Densities {
     pub pdf_integral: f64,
 }
 
-/// ‖p − t‖₁ / (‖p‖₁ + ‖t‖₁ + ε) over the channels: L_eval of Xia et al. 2023, §5.2.
+/// ‖p − t‖₁ / (‖p‖₁ + ‖t‖₁ + ε) over the channels: L_eval of Bai et al. 2023, §5.2.
 pub fn smape(predicted: DVec3, truth: DVec3) -> f64 {
     let sum = |v: DVec3| v.abs().element_sum();
     sum(predicted - truth) / (sum(predicted) + sum(truth) + SMAPE_EPSILON)

@@ -84,7 +84,7 @@ impl Recipe {
     }
 }
 
-/// How Xia et al. 2023 trained each material, as their §5.2 has it.
+/// How Bai et al. 2023 trained each material, as their §5.2 has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PaperTraining {
     /// Where.

@@ -15,7 +15,7 @@ use std::fmt;
 pub enum Preset {
     /// Ours: a warp of the squares of charts.
     Warp,
-    /// The paper's: positions on the disk (Xia et al. 2023).
+    /// The paper's: positions on the disk (Bai et al. 2023).
     Paper,
 }
 

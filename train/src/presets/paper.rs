@@ -1,4 +1,4 @@
-//! The paper's preset: the encodings of Table 1, six hidden layers, ReLU, positions on the disk (Xia et al. 2023).
+//! The paper's preset: the encodings of Table 1, six hidden layers, ReLU, positions on the disk (Bai et al. 2023).
 //!
 //! Table 1 is not in the paper's text layer; `findings` of a third party give it. Ours, because it does not say: directions
 //! enter as (x, y) on the disk carried to [0, 1]; frequencies are multiplied by π; the Gaussians of one-blob encodings are

@@ -1,4 +1,4 @@
-//! Training of the paper's preset (Xia et al. 2023, §5.2): three networks on the disk, from slices and their maps.
+//! Training of the paper's preset (Bai et al. 2023, §5.2): three networks on the disk, from slices and their maps.
 //!
 //! Targets are those of §5.1: positions of the importance map, off its grid; the weight f_cos over the slice's density, the
 //! normalised luminance; values and densities of the slice. Maps come from either solver: an image of the disk, or maps of
