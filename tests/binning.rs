@@ -2,7 +2,7 @@
 
 use bake_runtime::bsdf::{direction, shifted_r2};
 use bake_runtime::native::{NativeBackend, Tier};
-use bake_runtime::{Backend, BakedMaterial};
+use bake_runtime::{Backend, BakedMaterial, Points};
 use bake_train::card::bins::{SIDE, l1};
 use bake_train::card::heldout;
 use bake_train::card::measure::BINNING_POINTS;
@@ -37,7 +37,7 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
         .sample
         .spec
         .material
-        .conductor()
+        .reference()
         .expect("fixed parameters");
     let truth = Truth::new(&bsdf, wo).expect("a bright slice");
     let mut backend = NativeBackend::new(material, Tier::best()).expect("the best tier exists");
@@ -52,7 +52,12 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
         let wo = wo.each_ref().map(|c| c.as_slice());
         let u = u.each_ref().map(|c| c.as_slice());
         backend
-            .sample_learned(wo, u, [&mut x, &mut y, &mut z], [&mut r, &mut g, &mut b])
+            .sample_learned(
+                Points::fixed(wo),
+                u,
+                [&mut x, &mut y, &mut z],
+                [&mut r, &mut g, &mut b],
+            )
             .expect("equal lengths");
         for i in 0..n {
             let wi = DVec3::new(x[i].into(), y[i].into(), z[i].into());
@@ -69,9 +74,9 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
 fn samples_match_the_reference_within_the_cards_limit() {
     let (folder, material) = vase();
     let card = card(&folder);
-    for (name, directions) in heldout::strata() {
+    for (name, places) in heldout::places(&material.sample.spec.material).expect("few free parameters") {
         let stated: &StratumErrors = &card.errors[&name];
-        let some: Vec<DVec3> = directions.into_iter().step_by(4).collect();
+        let some: Vec<DVec3> = places.into_iter().step_by(4).map(|place| place.wo).collect();
         let measured: Vec<(f64, f64)> = some.iter().map(|wo| binning_l1(&material, *wo)).collect();
         let mean = measured.iter().map(|m| m.0).sum::<f64>() / measured.len() as f64;
         let floor = measured.iter().map(|m| m.1).sum::<f64>() / measured.len() as f64;

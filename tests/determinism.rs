@@ -7,10 +7,13 @@ use bake_runtime::{Family, Material};
 use bake_train::Error;
 use bake_train::bake::{Effort, Stage, bake};
 use bake_train::database::SHARD_SLICES;
+use bake_train::presets::Preset;
 use files::{Files, assert_same};
 use std::ops::ControlFlow;
 use std::path::Path;
 
+/// The preset whose stages these are.
+const PRESET: Preset = Preset::Warp;
 /// Enough for every stage to run and for the tree of warm starts to branch; far too little for a good network.
 const EFFORT: Effort = Effort {
     slices: 12,
@@ -25,9 +28,9 @@ const SILVER: [f64; 3] = [0.97, 0.96, 0.91];
 
 #[test]
 fn one_and_two_threads_give_the_same_bytes_and_another_seed_gives_others() {
-    // The size of batch that ships, because candle treats large tensors in another way.
+    // A batch of several shards, none of them of whole tiles.
     let effort = Effort {
-        batch: Effort::FULL.batch,
+        batch: 5000,
         ..EFFORT
     };
     let one = whole(effort, 1, SEED);
@@ -44,7 +47,7 @@ fn one_and_two_threads_give_the_same_bytes_and_another_seed_gives_others() {
 fn an_interrupted_bake_goes_on_to_the_same_bytes() {
     let expected = whole(EFFORT, 2, SEED);
     for (stage, done) in [
-        (Stage::Frames, 3),
+        (Stage::Charts, 3),
         (Stage::Maps, 5),
         (Stage::Sample, 17),
         (Stage::Eval, 0),
@@ -55,7 +58,9 @@ fn an_interrupted_bake_goes_on_to_the_same_bytes() {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };
-        let interrupted = in_pool(2, || bake(&vase(GOLD), EFFORT, SEED, folder.path(), &stop));
+        let interrupted = in_pool(2, || {
+            bake(&vase(GOLD), PRESET, EFFORT, SEED, folder.path(), &stop)
+        });
         assert!(
             matches!(interrupted, Err(Error::Interrupted)),
             "{stage:?} was not interrupted"
@@ -88,10 +93,12 @@ fn a_stored_shard_of_maps_is_as_good_as_a_fresh_one() {
 fn checkpoints_of_another_material_are_refused() {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     run(EFFORT, 2, SEED, folder.path());
-    let silver = in_pool(2, || bake(&vase(SILVER), EFFORT, SEED, folder.path(), &go_on));
+    let silver = in_pool(2, || {
+        bake(&vase(SILVER), PRESET, EFFORT, SEED, folder.path(), &go_on)
+    });
     match silver {
         Err(Error::Checkpoint { path, .. }) => {
-            assert_eq!(path, folder.path().join("train-frame.safetensors"))
+            assert_eq!(path, folder.path().join("train-charts.safetensors"))
         }
         Err(other) => panic!("{other}"),
         Ok(_) => panic!("silver went on from gold"),
@@ -127,7 +134,7 @@ fn whole(effort: Effort, threads: usize, seed: u64) -> Files {
 
 /// Bakes to the end; the bytes of the three networks and of the map shards.
 fn run(effort: Effort, threads: usize, seed: u64, work: &Path) -> Files {
-    let baked = in_pool(threads, || bake(&vase(GOLD), effort, seed, work, &go_on));
+    let baked = in_pool(threads, || bake(&vase(GOLD), PRESET, effort, seed, work, &go_on));
     let material = baked.unwrap_or_else(|e| panic!("{e}")).material;
     let networks = [
         ("sample", material.sample),

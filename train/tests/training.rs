@@ -1,23 +1,28 @@
-//! What training computes with candle is what the runtime's oracle computes: positions, determinants, weights.
+//! What training computes is what the runtime's oracle computes: positions, determinants; and maps keep their edges.
 
-use bake_runtime::conductor::Conductor;
 use bake_runtime::network::Dense;
+use bake_runtime::simd::Tier;
+use bake_runtime::spec::SHARE_MIN;
 use bake_runtime::{Family, Material, Network, NetworkSpec, Rng, Role, oracle};
+use bake_train::charts::ChartsNetwork;
 use bake_train::database;
+use bake_train::fused::Fused;
 use bake_train::maps::{self, Charts, Job, MappedSlice};
-use bake_train::nn::frame::FrameNetwork;
-use bake_train::nn::mlp::Mlp;
+use bake_train::places;
+use bake_train::presets::Preset;
 use bake_train::training::data::TrainingSet;
-use bake_train::training::sample::warp;
+use bake_train::training::mlp::Mlp;
+use bake_train::training::sample::{Warp, u_features};
+use bake_train::training::trainer::shape;
 use bake_train::transport::Solver;
 use std::ops::ControlFlow;
 
-/// f32 through four layers and a sigmoid, against f64.
+/// f32 through three layers, in a position of f64.
 const POSITION_TOL: f64 = 2e-6;
 /// The same through two tangents and a product of four factors, relative to their size.
 const DET_TOL: f64 = 2e-5;
-/// Training takes 1 − h by subtraction: next to the far edges that costs its round-off over 1 − u, twice.
-const FAR_EDGE_TOL: f64 = 4.0 * f32::EPSILON as f64;
+/// Training picks u in the chart's own square; the oracle finds it again from a u₀ that the share was put into.
+const SPLIT_TOL: f64 = 1e-5;
 /// Samples compared.
 const SAMPLES: usize = 512;
 
@@ -30,33 +35,35 @@ fn vase() -> Material {
     .expect("valid parameters")
 }
 
-/// A frame network whose outputs are constant: the frame is the anchor with the roughness as its size.
-fn constant_frames(spec: &NetworkSpec, bsdf: &Conductor) -> FrameNetwork {
+fn plastic() -> Material {
+    Material::fixed("plastic", Family::Principled, &[("roughness", &[0.3])]).expect("valid parameters")
+}
+
+/// A network of charts whose outputs are 0: the charts are the analytic ones, with equal shares.
+fn analytic_charts(spec: &NetworkSpec) -> ChartsNetwork {
     let layers = spec.frame_layers().into_iter().map(|(inputs, outputs)| Dense {
         weight: vec![0.0; inputs * outputs],
         bias: vec![0.0; outputs],
         inputs,
         outputs,
     });
-    let mut layers: Vec<Dense> = layers.collect();
-    let last = layers.last_mut().expect("at least one layer");
-    last.bias[0] = bsdf.alpha[0].ln() as f32;
-    last.bias[1] = bsdf.alpha[1].ln() as f32;
-    FrameNetwork {
-        layers,
-        anchor_alpha: bsdf.alpha,
+    ChartsNetwork {
+        spec: spec.charts().expect("the warp preset has charts").clone(),
+        symmetry: spec.symmetry,
+        activation: spec.activation,
+        layers: layers.collect(),
     }
 }
 
-/// The first `count` training slices in the frames of `frames`.
-fn mapped(material: &Material, frames: &FrameNetwork, count: usize) -> Vec<MappedSlice> {
+/// The first `count` training slices in those charts.
+fn mapped(material: &Material, charts: &ChartsNetwork, count: usize) -> Vec<MappedSlice> {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
-    let places = maps::draw_directions(count);
+    let places = places::draw(material, count, 1);
     let job = Job {
         material,
         places: &places,
-        drawn: "training directions",
-        charts: Charts::Predicted(frames),
+        drawn: "training places",
+        charts: Charts::Predicted(charts),
         solver: Solver::Frame,
         cells: maps::CELLS,
         seed: 1,
@@ -66,63 +73,71 @@ fn mapped(material: &Material, frames: &FrameNetwork, count: usize) -> Vec<Mappe
 }
 
 #[test]
-fn candle_and_the_oracle_agree_on_the_warp() {
-    let material = vase();
-    let bsdf = material.conductor().expect("fixed parameters");
-    let spec = NetworkSpec::warp(Role::Sample, material, bsdf.alpha, vec![32; 4], vec![8]);
-    let frames = constant_frames(&spec, &bsdf);
-    let slices = mapped(&spec.material, &frames, 3);
-    let set = TrainingSet::new(&slices);
-
-    let mut rng = Rng::new(&[9]);
-    let mlp = Mlp::random(&spec.layers(), &mut rng).expect("layers");
-    let batch = set.draw(SAMPLES, &mut rng);
-    let (h, det, _) = warp(&mlp, &set, &batch).expect("plain data");
-    let h = h.to_vec2::<f32>().expect("two columns");
-    let det = det.to_vec1::<f32>().expect("one column");
-
-    let network = Network {
-        spec,
-        frame: frames.layers.clone(),
-        net: mlp.to_dense().expect("plain data"),
-    };
-    for i in 0..SAMPLES {
-        // The grazing features begin with the direction itself.
-        let features = set.features[batch.slices[i]];
-        let wo = [features[0], features[1], features[2]].map(f64::from);
-        let truth = oracle::sample(&network, wo, batch.positions[i].map(f64::from));
-        for (found, expected) in h[i].iter().zip(&truth.square) {
-            assert!((f64::from(*found) - expected).abs() < POSITION_TOL);
+fn training_and_the_oracle_agree_on_the_warp() {
+    for material in [vase(), plastic()] {
+        let spec = Preset::Warp.spec(Role::Sample, &material).expect("can be baked");
+        let charts = analytic_charts(&spec);
+        let set = TrainingSet::new(mapped(&material, &charts, 3), &charts);
+        let mut rng = Rng::new(&[9]);
+        let mlp = Mlp::random(&spec.layers(), &mut rng);
+        let picks = set.draw(SAMPLES, &mut rng);
+        let shape = shape(&mlp.layers, spec.activation).expect("layers");
+        let mut kernel = Fused::new(Tier::best(), shape, 3).expect("the best tier exists");
+        let rows = u_features(&picks, &set.place_features(&spec));
+        let outputs = kernel.forward(&mlp.values, &rows).expect("whole rows");
+        let at = |column: usize, i: usize, c: usize| outputs[(column * SAMPLES + i) * 5 + c];
+        let network = Network {
+            spec,
+            frame: charts.layers.clone(),
+            net: mlp.to_dense(),
+        };
+        let mut compared = 0;
+        for (i, pick) in picks.iter().enumerate() {
+            let slopes = [0, 1].map(|c| [at(1, i, c), at(2, i, c)]);
+            let warp = Warp::new(pick.at, [at(0, i, 0), at(0, i, 1)], slopes);
+            let entry = &set.entries[pick.entry];
+            let (share, _) = entry.own_chart();
+            assert!((SHARE_MIN..=1.0).contains(&share));
+            let start = if entry.chart == 0 { 0.0 } else { 1.0 - share };
+            let u = pick.at.map(f64::from);
+            let truth = oracle::sample(&network, &entry.params, entry.wo, [start + share * u[0], u[1]]);
+            if truth.chart != entry.chart {
+                continue;
+            }
+            compared += 1;
+            let edge = u.map(|v| v.min(1.0 - v)).into_iter().fold(1.0, f64::min);
+            let split = if entry.charts.len() > 1 { SPLIT_TOL } else { 0.0 };
+            for (found, expected) in warp.h.iter().zip(&truth.square) {
+                assert!(
+                    (found - expected).abs() < POSITION_TOL + split,
+                    "{found} {expected}"
+                );
+            }
+            let allowed = (DET_TOL + split / edge) * truth.det.abs().max(1.0);
+            let found = warp.det();
+            assert!(
+                (found - truth.det).abs() < allowed,
+                "{found} {} at {u:?}",
+                truth.det
+            );
         }
-        let far_edge = batch.positions[i]
-            .map(|u| 1.0 - f64::from(u))
-            .into_iter()
-            .fold(1.0, f64::min);
-        let allowed = (DET_TOL + FAR_EDGE_TOL / far_edge) * truth.det.abs().max(1.0);
-        let found = f64::from(det[i]);
-        assert!(
-            (found - truth.det).abs() < allowed,
-            "{found} {} at {:?}",
-            truth.det,
-            batch.positions[i]
-        );
+        assert!(compared > SAMPLES - 4, "{compared}");
     }
 }
 
 #[test]
 fn maps_carry_edges_to_edges() {
     let material = vase();
-    let bsdf = material.conductor().expect("fixed parameters");
-    let spec = NetworkSpec::warp(Role::Sample, material, bsdf.alpha, vec![8], vec![8]);
-    let frames = constant_frames(&spec, &bsdf);
-    let slices = mapped(&spec.material, &frames, 2);
-    let set = TrainingSet::new(&slices);
+    let spec = Preset::Warp.spec(Role::Sample, &material).expect("can be baked");
+    let charts = analytic_charts(&spec);
+    let set = TrainingSet::new(mapped(&material, &charts, 2), &charts);
+    assert_eq!(set.entries.len(), 2);
     for t in [0.1f32, 0.5, 0.9] {
-        for (k, _) in slices.iter().enumerate() {
-            assert_eq!(set.map_at(k, [0.0, t])[0], 0.0);
-            assert_eq!(set.map_at(k, [1.0, t])[0], 1.0);
-            assert_eq!(set.map_at(k, [t, 0.0])[1], 0.0);
-            assert_eq!(set.map_at(k, [t, 1.0])[1], 1.0);
+        for entry in &set.entries {
+            assert_eq!(entry.map_at([0.0, t])[0], 0.0);
+            assert_eq!(entry.map_at([1.0, t])[0], 1.0);
+            assert_eq!(entry.map_at([t, 0.0])[1], 0.0);
+            assert_eq!(entry.map_at([t, 1.0])[1], 1.0);
         }
     }
 }

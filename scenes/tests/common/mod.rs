@@ -1,7 +1,7 @@
 //! Small scenes with known pictures, and a backend without networks.
 
 use bake_runtime::conductor::Conductor;
-use bake_runtime::{Backend, Bsdf, Family, Material, Result, Rng};
+use bake_runtime::{Backend, Bsdf, Family, Material, Points, Result, Rng};
 use bake_scenes::geometry::{Grain, Mesh};
 use bake_scenes::tracer::shader::cosine_direction;
 use bake_scenes::{Camera, Environment, Geometry, Image, Method, RenderSettings, Scene, Surface};
@@ -118,7 +118,7 @@ fn set(lanes: &mut [&mut [f32]; 3], i: usize, value: DVec3) {
 impl Backend for CosineBackend {
     fn sample_learned(
         &mut self,
-        wo: [&[f32]; 3],
+        points: Points,
         u: [&[f32]; 2],
         mut wi: [&mut [f32]; 3],
         mut weight: [&mut [f32]; 3],
@@ -129,7 +129,7 @@ impl Backend for CosineBackend {
             set(
                 &mut weight,
                 i,
-                self.0.eval(at(wo, i), direction, &mut rng) * PI / direction.z.max(1e-9),
+                self.0.eval(at(points.wo, i), direction, &mut rng) * PI / direction.z.max(1e-9),
             );
         }
         Ok(())
@@ -137,7 +137,7 @@ impl Backend for CosineBackend {
 
     fn sample_jacobian(
         &mut self,
-        _wo: [&[f32]; 3],
+        _points: Points,
         u: [&[f32]; 2],
         mut wi: [&mut [f32]; 3],
         jacobian: &mut [f32],
@@ -149,15 +149,15 @@ impl Backend for CosineBackend {
         Ok(())
     }
 
-    fn eval(&mut self, wo: [&[f32]; 3], wi: [&[f32]; 3], mut f_cos: [&mut [f32]; 3]) -> Result<()> {
-        for i in 0..wo[0].len() {
-            let mut rng = Rng::new(&[wo[0][i].to_bits().into(), wi[0][i].to_bits().into()]);
-            set(&mut f_cos, i, self.0.eval(at(wo, i), at(wi, i), &mut rng));
+    fn eval(&mut self, points: Points, wi: [&[f32]; 3], mut f_cos: [&mut [f32]; 3]) -> Result<()> {
+        for i in 0..points.len() {
+            let mut rng = Rng::new(&[points.wo[0][i].to_bits().into(), wi[0][i].to_bits().into()]);
+            set(&mut f_cos, i, self.0.eval(at(points.wo, i), at(wi, i), &mut rng));
         }
         Ok(())
     }
 
-    fn pdf(&mut self, _wo: [&[f32]; 3], _wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
+    fn pdf(&mut self, _points: Points, _wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
         pdf.fill(WRONG_PDF);
         Ok(())
     }

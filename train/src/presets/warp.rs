@@ -11,9 +11,8 @@ use bake_runtime::encoding::{Encoding, Quantity, Scale};
 use bake_runtime::spec::{Activation, ChartsSpec, FORMAT, Geometry, Input, Roughness, Symmetry};
 use bake_runtime::{Family, Material, NetworkSpec, Role};
 
-/// Hidden widths of a material of which only `wo` is free: sampling, evaluation, pdf and frame network. With two charts
-/// the sampling network does without its last layer: each chart asks less of it.
-const FIXED: [&[usize]; 4] = [&[32; 4], &[32; 3], &[24; 3], &[16; 2]];
+/// Hidden widths of a material of which only `wo` is free: sampling, evaluation, pdf and frame network.
+const FIXED: [&[usize]; 4] = [&[32; 3], &[32; 3], &[24; 3], &[16; 2]];
 /// The same where parameters are free.
 const FREE: [&[usize]; 4] = [&[64; 4], &[64; 4], &[48; 3], &[32; 2]];
 
@@ -26,7 +25,7 @@ pub fn spec(role: Role, material: &Material) -> Result<NetworkSpec> {
     let charts = lobes(material.family).len();
     let [sample, eval, pdf, frame] = if material.free().is_empty() { FIXED } else { FREE };
     let hidden = match role {
-        Role::Sample => &sample[usize::from(charts > 1 && sample.len() > 3)..],
+        Role::Sample => sample,
         Role::Eval => eval,
         Role::Pdf => pdf,
     };

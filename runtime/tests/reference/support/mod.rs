@@ -8,7 +8,7 @@ pub mod quadrature;
 pub mod table;
 
 pub use bake_runtime::bsdf::direction;
-use bake_runtime::frame::{Frame, mirror_anchor};
+use bake_runtime::frame::Frame;
 use glam::DVec3;
 
 /// Agreement asked of a Monte Carlo comparison, in combined standard errors.
@@ -54,13 +54,14 @@ impl<const N: usize> Means<N> {
     }
 }
 
-/// A frame on the lobe that a surface of roughness `alpha` mirrors `wo` to.
+/// A frame on the lobe that a surface of roughness `alpha` mirrors `wo` to, pulled back from the horizon by the roughness.
 pub fn lobe_frame(wo: DVec3, alpha: [f64; 2]) -> Frame {
+    let scale = -1.0 / (wo.z + (alpha[0] * wo.x).hypot(alpha[1] * wo.y));
     Frame {
         x: alpha[0],
         y: alpha[1],
         shear: 0.0,
-        b: mirror_anchor(wo.to_array(), alpha),
+        b: [scale * wo.x, scale * wo.y],
     }
 }
 
