@@ -9,8 +9,14 @@ use super::activation::Activation;
 use bake_runtime::simd::{Simd, Task, Vector};
 use std::marker::PhantomData;
 
-/// Rows of a block: with [`panel`] vectors, its sums, a row of B and a scalar of A fill the registers.
-pub const ROWS: usize = 6;
+/// Rows of a block of [`panel`] vectors: its sums, a row of B and a scalar of A fill the registers.
+const WIDE_ROWS: usize = 6;
+
+/// Rows of narrower blocks; rows of a tile's column are a multiple of it.
+pub const ROWS: usize = 2 * WIDE_ROWS;
+
+/// Steps of k between two looks at the bounds; depths are padded to a multiple of it.
+pub const STEPS: usize = 4;
 
 /// Widths are padded to a multiple of this, or of the lanes if they are more: blocks of up to [`ROWS`] columns
 /// that begin before a width's end, at an even place, then end within the padding.
@@ -26,17 +32,18 @@ pub const fn padded(width: usize, lanes: usize) -> usize {
     width.next_multiple_of(if lanes > PAD { lanes } else { PAD })
 }
 
-/// Calls `$self.$method::<N>($at)` for each panel of `$width` vectors, where N is the panel's width and `$at`
-/// its first vector.
+/// Calls `$self.$method::<R, N>($at)` for each panel of `$width` vectors, where N is the panel's width, R the
+/// rows of its blocks and `$at` its first vector.
 macro_rules! for_panels {
     ($vector:ty, $width:expr, $self:ident . $method:ident) => {
         let width: usize = $width;
         for at in (0..width).step_by(panel(<$vector>::LANES)) {
-            match panel(<$vector>::LANES).min(width - at) {
-                4 => $self.$method::<4>(at),
-                3 => $self.$method::<3>(at),
-                2 => $self.$method::<2>(at),
-                _ => $self.$method::<1>(at),
+            match (panel(<$vector>::LANES), width - at) {
+                (4, 4..) => $self.$method::<WIDE_ROWS, 4>(at),
+                (4, 3) => $self.$method::<WIDE_ROWS, 3>(at),
+                (4, 2) => $self.$method::<ROWS, 2>(at),
+                (2, 2..) => $self.$method::<WIDE_ROWS, 2>(at),
+                _ => $self.$method::<ROWS, 1>(at),
             }
         }
     };
@@ -59,20 +66,25 @@ fn add_product<V: Vector, const R: usize, const N: usize>(
     }
 }
 
-/// The product of R rows of `left` from row `at` and of the rows of `right`, as many as `depth`.
+/// The product of R rows of `left` from row `at` and of the rows of `right`.
 #[inline(always)]
 fn block_of_rows<V: Vector, const R: usize, const N: usize>(
     zero: V,
     left: Rows,
     at: usize,
-    depth: usize,
     right: &[V::Array],
 ) -> [[V; N]; R] {
-    let rows: [&[f32]; R] = std::array::from_fn(|r| &left.numbers[(at + r) * left.stride..][..depth]);
-    let right = &right.as_chunks::<N>().0[..depth];
+    let right = right.as_chunks::<N>().0.as_chunks::<STEPS>().0;
+    let rows: [&[[f32; STEPS]]; R] = std::array::from_fn(|r| {
+        let row = &left.numbers[(at + r) * left.stride..];
+        &row.as_chunks().0[..right.len()]
+    });
     let mut sums = [[zero; N]; R];
-    for k in 0..depth {
-        add_product(&mut sums, zero, |r| rows[r][k], &right[k]);
+    for (k, right) in right.iter().enumerate() {
+        let left: [&[f32; STEPS]; R] = std::array::from_fn(|r| &rows[r][k]);
+        for (step, right) in right.iter().enumerate() {
+            add_product(&mut sums, zero, |r| left[r][step], right);
+        }
     }
     sums
 }
@@ -94,7 +106,6 @@ pub struct Forward<'a, S: Simd, A> {
     pub activation: PhantomData<A>,
     pub queries: usize,
     pub columns: usize,
-    pub inputs: usize,
     /// Rows of x.
     pub left: Rows<'a>,
     /// Wᵀ in panels.
@@ -113,28 +124,28 @@ pub struct Forward<'a, S: Simd, A> {
 
 impl<S: Simd, A: Activation> Forward<'_, S, A> {
     #[inline(always)]
-    fn panel<const N: usize>(&mut self, at: usize) {
+    fn panel<const R: usize, const N: usize>(&mut self, at: usize) {
         let zero = self.simd.splat(0.0);
         let width = self.bias.len() / S::Vector::LANES;
-        let weights = &self.weights[at * S::Vector::LANES * self.inputs..];
-        let weights = S::Vector::arrays(&weights[..N * S::Vector::LANES * self.inputs]);
+        let depth = self.weights.len() / self.bias.len();
+        let weights = &S::Vector::arrays(self.weights)[at * depth..(at + N) * depth];
         let bias = &S::Vector::arrays(self.bias)[at..at + N];
         let out = S::Vector::arrays_mut(self.out);
         let slope = S::Vector::arrays_mut(self.slope);
         let bend = S::Vector::arrays_mut(self.bend);
         let turn = S::Vector::arrays_mut(self.turn);
         for column in 0..self.columns {
-            for query in (0..self.queries).step_by(ROWS) {
+            for query in (0..self.queries).step_by(R) {
                 let first = column * self.queries + query;
-                let sums: [[S::Vector; N]; ROWS] =
-                    block_of_rows(zero, self.left, first, self.inputs, weights);
+                let sums: [[S::Vector; N]; R] =
+                    block_of_rows(zero, self.left, first, weights);
                 // Stored first: an activation between would push the sums out of their registers.
                 for (r, sums) in sums.into_iter().enumerate() {
                     for (sum, out) in sums.into_iter().zip(&mut out[(first + r) * width + at..][..N]) {
                         sum.write(out);
                     }
                 }
-                for r in 0..ROWS {
+                for r in 0..R {
                     let out = &mut out[(first + r) * width + at..][..N];
                     let place = (query + r) * width + at;
                     if column == 0 {
@@ -178,7 +189,6 @@ pub struct Backward<'a, S: Simd> {
     pub simd: S,
     pub queries: usize,
     pub columns: usize,
-    pub outputs: usize,
     /// Rows of z̄ above.
     pub left: Rows<'a>,
     /// W in panels.
@@ -195,11 +205,11 @@ pub struct Backward<'a, S: Simd> {
 
 impl<S: Simd> Backward<'_, S> {
     #[inline(always)]
-    fn panel<const N: usize>(&mut self, at: usize) {
+    fn panel<const R: usize, const N: usize>(&mut self, at: usize) {
         let zero = self.simd.splat(0.0);
         let width = self.bias.len() / S::Vector::LANES;
-        let weights = &self.weights[at * S::Vector::LANES * self.outputs..];
-        let weights = S::Vector::arrays(&weights[..N * S::Vector::LANES * self.outputs]);
+        let depth = self.weights.len() / self.bias.len();
+        let weights = &S::Vector::arrays(self.weights)[at * depth..(at + N) * depth];
         let slope = S::Vector::arrays(self.slope);
         let turn = S::Vector::arrays(self.turn);
         let out = S::Vector::arrays_mut(self.out);
@@ -207,10 +217,10 @@ impl<S: Simd> Backward<'_, S> {
         let curved = self.columns > 1 && !turn.is_empty();
         // The values come last: they gather what the tangents leave in their place.
         for column in (0..self.columns).rev() {
-            for query in (0..self.queries).step_by(ROWS) {
+            for query in (0..self.queries).step_by(R) {
                 let first = column * self.queries + query;
-                let sums: [[S::Vector; N]; ROWS] =
-                    block_of_rows(zero, self.left, first, self.outputs, weights);
+                let sums: [[S::Vector; N]; R] =
+                    block_of_rows(zero, self.left, first, weights);
                 let mut total = [zero; N];
                 for (r, sums) in sums.into_iter().enumerate() {
                     let place = (query + r) * width + at;
@@ -274,17 +284,19 @@ pub struct Weights<'a, S: Simd> {
 
 impl<S: Simd> Weights<'_, S> {
     #[inline(always)]
-    fn panel<const N: usize>(&mut self, at: usize) {
+    fn panel<const R: usize, const N: usize>(&mut self, at: usize) {
         let mut output = 0;
-        while output + 6 <= self.outputs {
-            self.rows::<6, N>(output, at);
-            output += 6;
+        while output + R <= self.outputs {
+            self.rows::<R, N>(output, at);
+            output += R;
         }
-        match self.outputs - output {
-            5.. => self.rows::<6, N>(output, at),
-            3 | 4 => self.rows::<4, N>(output, at),
-            1 | 2 => self.rows::<2, N>(output, at),
-            _ => {}
+        while output < self.outputs {
+            match self.outputs - output {
+                5.. => self.rows::<6, N>(output, at),
+                3 | 4 => self.rows::<4, N>(output, at),
+                _ => self.rows::<2, N>(output, at),
+            }
+            output += 6;
         }
     }
 
