@@ -57,19 +57,23 @@ fn add_product<V: Vector, const R: usize, const N: usize>(
     left: impl Fn(usize) -> f32,
     right: &[V::Array; N],
 ) {
-    let right = right.each_ref().map(|array| zero.load(array));
+    let mut vectors = [zero; N];
+    for (vector, right) in vectors.iter_mut().zip(right) {
+        *vector = zero.load(right);
+    }
     for (r, sums) in sums.iter_mut().enumerate() {
         let left = zero.splat(left(r));
-        for (sum, right) in sums.iter_mut().zip(right) {
-            *sum = left.mul_add(right, *sum);
+        for (sum, vector) in sums.iter_mut().zip(&vectors) {
+            *sum = left.mul_add(*vector, *sum);
         }
     }
 }
 
-/// The product of R rows of `left` from row `at` and of the rows of `right`.
+/// The product of R rows of `left` from row `at` and of the rows of `right`, added to `first` in every row.
 #[inline(always)]
 fn block_of_rows<V: Vector, const R: usize, const N: usize>(
     zero: V,
+    first: [V; N],
     left: Rows,
     at: usize,
     right: &[V::Array],
@@ -79,7 +83,7 @@ fn block_of_rows<V: Vector, const R: usize, const N: usize>(
         let row = &left.numbers[(at + r) * left.stride..];
         &row.as_chunks().0[..right.len()]
     });
-    let mut sums = [[zero; N]; R];
+    let mut sums = [first; R];
     for (k, right) in right.iter().enumerate() {
         let left: [&[f32; STEPS]; R] = std::array::from_fn(|r| &rows[r][k]);
         for (step, right) in right.iter().enumerate() {
@@ -137,21 +141,19 @@ impl<S: Simd, A: Activation> Forward<'_, S, A> {
         for column in 0..self.columns {
             for query in (0..self.queries).step_by(R) {
                 let first = column * self.queries + query;
-                let sums: [[S::Vector; N]; R] =
-                    block_of_rows(zero, self.left, first, weights);
-                // Stored first: an activation between would push the sums out of their registers.
-                for (r, sums) in sums.into_iter().enumerate() {
-                    for (sum, out) in sums.into_iter().zip(&mut out[(first + r) * width + at..][..N]) {
-                        sum.write(out);
+                let mut start = [zero; N];
+                if column == 0 {
+                    for (start, bias) in start.iter_mut().zip(bias) {
+                        *start = zero.load(bias);
                     }
                 }
-                for r in 0..R {
+                let sums: [[S::Vector; N]; R] = block_of_rows(zero, start, self.left, first, weights);
+                for (r, sums) in sums.into_iter().enumerate() {
                     let out = &mut out[(first + r) * width + at..][..N];
                     let place = (query + r) * width + at;
                     if column == 0 {
                         for i in 0..N {
-                            let z = zero.load(&out[i]) + zero.load(&bias[i]);
-                            let [value, first, second] = A::at(z);
+                            let [value, first, second] = A::at(sums[i]);
                             value.write(&mut out[i]);
                             if A::HIDDEN {
                                 first.write(&mut slope[place + i]);
@@ -160,11 +162,15 @@ impl<S: Simd, A: Activation> Forward<'_, S, A> {
                                 second.write(&mut bend[place + i]);
                             }
                         }
-                    } else if A::HIDDEN {
+                    } else {
                         let offset = (column - 1) * self.queries * width + place;
                         for i in 0..N {
-                            let z = zero.load(&out[i]);
-                            (z * zero.load(&slope[place + i])).write(&mut out[i]);
+                            let z = sums[i];
+                            if A::HIDDEN {
+                                (z * zero.load(&slope[place + i])).write(&mut out[i]);
+                            } else {
+                                z.write(&mut out[i]);
+                            }
                             if A::CURVED {
                                 (z * zero.load(&bend[place + i])).write(&mut turn[offset + i]);
                             }
@@ -220,7 +226,7 @@ impl<S: Simd> Backward<'_, S> {
             for query in (0..self.queries).step_by(R) {
                 let first = column * self.queries + query;
                 let sums: [[S::Vector; N]; R] =
-                    block_of_rows(zero, self.left, first, weights);
+                    block_of_rows(zero, [zero; N], self.left, first, weights);
                 let mut total = [zero; N];
                 for (r, sums) in sums.into_iter().enumerate() {
                     let place = (query + r) * width + at;
@@ -310,15 +316,21 @@ impl<S: Simd> Weights<'_, S> {
             let scalars = left.get(output..)?.first_chunk::<R>()?;
             Some((scalars, right.get(at..)?.first_chunk::<N>()?))
         });
+        let gradient = S::Vector::arrays_mut(self.gradient);
         let mut sums = [[zero; N]; R];
+        for (r, sums) in sums.iter_mut().enumerate() {
+            let gradient = &gradient[(output + r) * width + at..][..N];
+            for (sum, gradient) in sums.iter_mut().zip(gradient) {
+                *sum = zero.load(gradient);
+            }
+        }
         for (left, right) in steps {
             add_product(&mut sums, zero, |r| left[r], right);
         }
-        let gradient = S::Vector::arrays_mut(self.gradient);
         for (r, sums) in sums.into_iter().enumerate() {
             let gradient = &mut gradient[(output + r) * width + at..][..N];
             for (sum, gradient) in sums.into_iter().zip(gradient) {
-                (zero.load(gradient) + sum).write(gradient);
+                sum.write(gradient);
             }
         }
     }
