@@ -79,15 +79,14 @@ fn block_of_rows<V: Vector, const R: usize, const N: usize>(
     right: &[V::Array],
 ) -> [[V; N]; R] {
     let right = right.as_chunks::<N>().0.as_chunks::<STEPS>().0;
-    let rows: [&[[f32; STEPS]]; R] = std::array::from_fn(|r| {
-        let row = &left.numbers[(at + r) * left.stride..];
-        &row.as_chunks().0[..right.len()]
-    });
+    let mut rows: [&[[f32; STEPS]]; R] = [&[]; R];
+    for (r, row) in rows.iter_mut().enumerate() {
+        *row = &left.numbers[(at + r) * left.stride..].as_chunks().0[..right.len()];
+    }
     let mut sums = [first; R];
     for (k, right) in right.iter().enumerate() {
-        let left: [&[f32; STEPS]; R] = std::array::from_fn(|r| &rows[r][k]);
         for (step, right) in right.iter().enumerate() {
-            add_product(&mut sums, zero, |r| left[r][step], right);
+            add_product(&mut sums, zero, |r| rows[r][k][step], right);
         }
     }
     sums
