@@ -15,7 +15,7 @@ const WIDE_ROWS: usize = 6;
 /// Rows of narrower blocks; rows of a tile's column are a multiple of it.
 pub const ROWS: usize = 2 * WIDE_ROWS;
 
-/// Steps of k between two looks at the bounds; depths are padded to a multiple of it.
+/// Steps of k between two looks at the bounds; depths are padded to a multiple of it, and [`ROWS`] is one.
 pub const STEPS: usize = 4;
 
 /// Widths are padded to a multiple of this, or of the lanes if they are more: blocks of up to [`ROWS`] columns
@@ -309,12 +309,6 @@ impl<S: Simd> Weights<'_, S> {
     fn rows<const R: usize, const N: usize>(&mut self, output: usize, at: usize) {
         let zero = self.simd.splat(0.0);
         let width = self.right.stride / S::Vector::LANES;
-        let left = self.left.numbers.chunks_exact(self.left.stride);
-        let right = S::Vector::arrays(self.right.numbers).chunks_exact(width);
-        let steps = left.zip(right).filter_map(|(left, right)| {
-            let scalars = left.get(output..)?.first_chunk::<R>()?;
-            Some((scalars, right.get(at..)?.first_chunk::<N>()?))
-        });
         let gradient = S::Vector::arrays_mut(self.gradient);
         let mut sums = [[zero; N]; R];
         for (r, sums) in sums.iter_mut().enumerate() {
@@ -323,8 +317,17 @@ impl<S: Simd> Weights<'_, S> {
                 *sum = zero.load(gradient);
             }
         }
-        for (left, right) in steps {
-            add_product(&mut sums, zero, |r| left[r], right);
+        let stride = self.left.stride;
+        let left = self.left.numbers.chunks_exact(STEPS * stride);
+        let right = S::Vector::arrays(self.right.numbers).chunks_exact(STEPS * width);
+        for (left, right) in left.zip(right) {
+            for step in 0..STEPS {
+                let left = left[step * stride + output..].first_chunk::<R>();
+                let right = right[step * width + at..].first_chunk::<N>();
+                if let (Some(left), Some(right)) = (left, right) {
+                    add_product(&mut sums, zero, |r| left[r], right);
+                }
+            }
         }
         for (r, sums) in sums.into_iter().enumerate() {
             let gradient = &mut gradient[(output + r) * width + at..][..N];
