@@ -9,8 +9,14 @@ use super::activation::Activation;
 use bake_runtime::simd::{Simd, Task, Vector};
 use std::marker::PhantomData;
 
-/// Rows of a block: with [`panel`] vectors, its sums, a row of B and a scalar of A fill the registers.
-pub const ROWS: usize = 6;
+/// Rows of a block of [`panel`] vectors: its sums, a row of B and a scalar of A fill the registers.
+const WIDE_ROWS: usize = 6;
+
+/// Rows of narrower blocks; rows of a tile's column are a multiple of it.
+pub const ROWS: usize = 2 * WIDE_ROWS;
+
+/// Steps of k between two looks at the bounds; depths are padded to a multiple of it, and [`ROWS`] is one.
+pub const STEPS: usize = 4;
 
 /// Widths are padded to a multiple of this, or of the lanes if they are more: blocks of up to [`ROWS`] columns
 /// that begin before a width's end, at an even place, then end within the padding.
@@ -26,17 +32,18 @@ pub const fn padded(width: usize, lanes: usize) -> usize {
     width.next_multiple_of(if lanes > PAD { lanes } else { PAD })
 }
 
-/// Calls `$self.$method::<N>($at)` for each panel of `$width` vectors, where N is the panel's width and `$at`
-/// its first vector.
+/// Calls `$self.$method::<R, N>($at)` for each panel of `$width` vectors, where N is the panel's width, R the
+/// rows of its blocks and `$at` its first vector.
 macro_rules! for_panels {
     ($vector:ty, $width:expr, $self:ident . $method:ident) => {
         let width: usize = $width;
         for at in (0..width).step_by(panel(<$vector>::LANES)) {
-            match panel(<$vector>::LANES).min(width - at) {
-                4 => $self.$method::<4>(at),
-                3 => $self.$method::<3>(at),
-                2 => $self.$method::<2>(at),
-                _ => $self.$method::<1>(at),
+            match (panel(<$vector>::LANES), width - at) {
+                (4, 4..) => $self.$method::<WIDE_ROWS, 4>(at),
+                (4, 3) => $self.$method::<WIDE_ROWS, 3>(at),
+                (4, 2) => $self.$method::<ROWS, 2>(at),
+                (2, 2..) => $self.$method::<WIDE_ROWS, 2>(at),
+                _ => $self.$method::<ROWS, 1>(at),
             }
         }
     };
@@ -50,29 +57,37 @@ fn add_product<V: Vector, const R: usize, const N: usize>(
     left: impl Fn(usize) -> f32,
     right: &[V::Array; N],
 ) {
-    let right = right.each_ref().map(|array| zero.load(array));
+    let mut vectors = [zero; N];
+    for (vector, right) in vectors.iter_mut().zip(right) {
+        *vector = zero.load(right);
+    }
     for (r, sums) in sums.iter_mut().enumerate() {
         let left = zero.splat(left(r));
-        for (sum, right) in sums.iter_mut().zip(right) {
-            *sum = left.mul_add(right, *sum);
+        for (sum, vector) in sums.iter_mut().zip(&vectors) {
+            *sum = left.mul_add(*vector, *sum);
         }
     }
 }
 
-/// The product of R rows of `left` from row `at` and of the rows of `right`, as many as `depth`.
+/// The product of R rows of `left` from row `at` and of the rows of `right`, added to `first` in every row.
 #[inline(always)]
 fn block_of_rows<V: Vector, const R: usize, const N: usize>(
     zero: V,
+    first: [V; N],
     left: Rows,
     at: usize,
-    depth: usize,
     right: &[V::Array],
 ) -> [[V; N]; R] {
-    let rows: [&[f32]; R] = std::array::from_fn(|r| &left.numbers[(at + r) * left.stride..][..depth]);
-    let right = &right.as_chunks::<N>().0[..depth];
-    let mut sums = [[zero; N]; R];
-    for k in 0..depth {
-        add_product(&mut sums, zero, |r| rows[r][k], &right[k]);
+    let right = right.as_chunks::<N>().0.as_chunks::<STEPS>().0;
+    let mut rows: [&[[f32; STEPS]]; R] = [&[]; R];
+    for (r, row) in rows.iter_mut().enumerate() {
+        *row = &left.numbers[(at + r) * left.stride..].as_chunks().0[..right.len()];
+    }
+    let mut sums = [first; R];
+    for (k, right) in right.iter().enumerate() {
+        for (step, right) in right.iter().enumerate() {
+            add_product(&mut sums, zero, |r| rows[r][k][step], right);
+        }
     }
     sums
 }
@@ -94,7 +109,6 @@ pub struct Forward<'a, S: Simd, A> {
     pub activation: PhantomData<A>,
     pub queries: usize,
     pub columns: usize,
-    pub inputs: usize,
     /// Rows of x.
     pub left: Rows<'a>,
     /// Wᵀ in panels.
@@ -113,34 +127,32 @@ pub struct Forward<'a, S: Simd, A> {
 
 impl<S: Simd, A: Activation> Forward<'_, S, A> {
     #[inline(always)]
-    fn panel<const N: usize>(&mut self, at: usize) {
+    fn panel<const R: usize, const N: usize>(&mut self, at: usize) {
         let zero = self.simd.splat(0.0);
         let width = self.bias.len() / S::Vector::LANES;
-        let weights = &self.weights[at * S::Vector::LANES * self.inputs..];
-        let weights = S::Vector::arrays(&weights[..N * S::Vector::LANES * self.inputs]);
+        let depth = self.weights.len() / self.bias.len();
+        let weights = &S::Vector::arrays(self.weights)[at * depth..(at + N) * depth];
         let bias = &S::Vector::arrays(self.bias)[at..at + N];
         let out = S::Vector::arrays_mut(self.out);
         let slope = S::Vector::arrays_mut(self.slope);
         let bend = S::Vector::arrays_mut(self.bend);
         let turn = S::Vector::arrays_mut(self.turn);
         for column in 0..self.columns {
-            for query in (0..self.queries).step_by(ROWS) {
+            for query in (0..self.queries).step_by(R) {
                 let first = column * self.queries + query;
-                let sums: [[S::Vector; N]; ROWS] =
-                    block_of_rows(zero, self.left, first, self.inputs, weights);
-                // Stored first: an activation between would push the sums out of their registers.
-                for (r, sums) in sums.into_iter().enumerate() {
-                    for (sum, out) in sums.into_iter().zip(&mut out[(first + r) * width + at..][..N]) {
-                        sum.write(out);
+                let mut start = [zero; N];
+                if column == 0 {
+                    for (start, bias) in start.iter_mut().zip(bias) {
+                        *start = zero.load(bias);
                     }
                 }
-                for r in 0..ROWS {
+                let sums: [[S::Vector; N]; R] = block_of_rows(zero, start, self.left, first, weights);
+                for (r, sums) in sums.into_iter().enumerate() {
                     let out = &mut out[(first + r) * width + at..][..N];
                     let place = (query + r) * width + at;
                     if column == 0 {
                         for i in 0..N {
-                            let z = zero.load(&out[i]) + zero.load(&bias[i]);
-                            let [value, first, second] = A::at(z);
+                            let [value, first, second] = A::at(sums[i]);
                             value.write(&mut out[i]);
                             if A::HIDDEN {
                                 first.write(&mut slope[place + i]);
@@ -149,11 +161,15 @@ impl<S: Simd, A: Activation> Forward<'_, S, A> {
                                 second.write(&mut bend[place + i]);
                             }
                         }
-                    } else if A::HIDDEN {
+                    } else {
                         let offset = (column - 1) * self.queries * width + place;
                         for i in 0..N {
-                            let z = zero.load(&out[i]);
-                            (z * zero.load(&slope[place + i])).write(&mut out[i]);
+                            let z = sums[i];
+                            if A::HIDDEN {
+                                (z * zero.load(&slope[place + i])).write(&mut out[i]);
+                            } else {
+                                z.write(&mut out[i]);
+                            }
                             if A::CURVED {
                                 (z * zero.load(&bend[place + i])).write(&mut turn[offset + i]);
                             }
@@ -178,7 +194,6 @@ pub struct Backward<'a, S: Simd> {
     pub simd: S,
     pub queries: usize,
     pub columns: usize,
-    pub outputs: usize,
     /// Rows of z̄ above.
     pub left: Rows<'a>,
     /// W in panels.
@@ -195,11 +210,11 @@ pub struct Backward<'a, S: Simd> {
 
 impl<S: Simd> Backward<'_, S> {
     #[inline(always)]
-    fn panel<const N: usize>(&mut self, at: usize) {
+    fn panel<const R: usize, const N: usize>(&mut self, at: usize) {
         let zero = self.simd.splat(0.0);
         let width = self.bias.len() / S::Vector::LANES;
-        let weights = &self.weights[at * S::Vector::LANES * self.outputs..];
-        let weights = S::Vector::arrays(&weights[..N * S::Vector::LANES * self.outputs]);
+        let depth = self.weights.len() / self.bias.len();
+        let weights = &S::Vector::arrays(self.weights)[at * depth..(at + N) * depth];
         let slope = S::Vector::arrays(self.slope);
         let turn = S::Vector::arrays(self.turn);
         let out = S::Vector::arrays_mut(self.out);
@@ -207,10 +222,10 @@ impl<S: Simd> Backward<'_, S> {
         let curved = self.columns > 1 && !turn.is_empty();
         // The values come last: they gather what the tangents leave in their place.
         for column in (0..self.columns).rev() {
-            for query in (0..self.queries).step_by(ROWS) {
+            for query in (0..self.queries).step_by(R) {
                 let first = column * self.queries + query;
-                let sums: [[S::Vector; N]; ROWS] =
-                    block_of_rows(zero, self.left, first, self.outputs, weights);
+                let sums: [[S::Vector; N]; R] =
+                    block_of_rows(zero, [zero; N], self.left, first, weights);
                 let mut total = [zero; N];
                 for (r, sums) in sums.into_iter().enumerate() {
                     let place = (query + r) * width + at;
@@ -274,17 +289,19 @@ pub struct Weights<'a, S: Simd> {
 
 impl<S: Simd> Weights<'_, S> {
     #[inline(always)]
-    fn panel<const N: usize>(&mut self, at: usize) {
+    fn panel<const R: usize, const N: usize>(&mut self, at: usize) {
         let mut output = 0;
-        while output + 6 <= self.outputs {
-            self.rows::<6, N>(output, at);
-            output += 6;
+        while output + R <= self.outputs {
+            self.rows::<R, N>(output, at);
+            output += R;
         }
-        match self.outputs - output {
-            5.. => self.rows::<6, N>(output, at),
-            3 | 4 => self.rows::<4, N>(output, at),
-            1 | 2 => self.rows::<2, N>(output, at),
-            _ => {}
+        while output < self.outputs {
+            match self.outputs - output {
+                5.. => self.rows::<6, N>(output, at),
+                3 | 4 => self.rows::<4, N>(output, at),
+                _ => self.rows::<2, N>(output, at),
+            }
+            output += 6;
         }
     }
 
@@ -292,21 +309,30 @@ impl<S: Simd> Weights<'_, S> {
     fn rows<const R: usize, const N: usize>(&mut self, output: usize, at: usize) {
         let zero = self.simd.splat(0.0);
         let width = self.right.stride / S::Vector::LANES;
-        let left = self.left.numbers.chunks_exact(self.left.stride);
-        let right = S::Vector::arrays(self.right.numbers).chunks_exact(width);
-        let steps = left.zip(right).filter_map(|(left, right)| {
-            let scalars = left.get(output..)?.first_chunk::<R>()?;
-            Some((scalars, right.get(at..)?.first_chunk::<N>()?))
-        });
-        let mut sums = [[zero; N]; R];
-        for (left, right) in steps {
-            add_product(&mut sums, zero, |r| left[r], right);
-        }
         let gradient = S::Vector::arrays_mut(self.gradient);
+        let mut sums = [[zero; N]; R];
+        for (r, sums) in sums.iter_mut().enumerate() {
+            let gradient = &gradient[(output + r) * width + at..][..N];
+            for (sum, gradient) in sums.iter_mut().zip(gradient) {
+                *sum = zero.load(gradient);
+            }
+        }
+        let stride = self.left.stride;
+        let left = self.left.numbers.chunks_exact(STEPS * stride);
+        let right = S::Vector::arrays(self.right.numbers).chunks_exact(STEPS * width);
+        for (left, right) in left.zip(right) {
+            for step in 0..STEPS {
+                let left = left[step * stride + output..].first_chunk::<R>();
+                let right = right[step * width + at..].first_chunk::<N>();
+                if let (Some(left), Some(right)) = (left, right) {
+                    add_product(&mut sums, zero, |r| left[r], right);
+                }
+            }
+        }
         for (r, sums) in sums.into_iter().enumerate() {
             let gradient = &mut gradient[(output + r) * width + at..][..N];
             for (sum, gradient) in sums.into_iter().zip(gradient) {
-                (zero.load(gradient) + sum).write(gradient);
+                sum.write(gradient);
             }
         }
     }

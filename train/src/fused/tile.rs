@@ -157,7 +157,6 @@ impl Tile {
             activation: PhantomData::<A>,
             queries: count.next_multiple_of(ROWS),
             columns: self.columns,
-            inputs: layer.inputs,
             left: Rows {
                 numbers: &inputs[index],
                 stride: layer.input_width,
@@ -212,7 +211,6 @@ impl Tile {
                     simd,
                     queries,
                     columns,
-                    outputs: layer.outputs,
                     left: Rows {
                         numbers: above,
                         stride: layer.output_width,
