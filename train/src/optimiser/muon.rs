@@ -16,7 +16,7 @@ const NORM_MIN: f64 = 1e-7;
 const ROWS: usize = 6;
 /// Registers side by side in a row of a tile.
 const VECTORS: usize = 2;
-/// Rows are padded to multiples of this: a tile of AVX-512.
+/// Rows are padded to multiples of this: [`VECTORS`] registers of AVX-512, the widest there are.
 const PADDING: usize = 32;
 
 /// A row-major matrix whose rows are padded with zeros.
