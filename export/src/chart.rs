@@ -73,7 +73,7 @@ impl Charts {
                 let (frames, logit) = (outputs.as_chunks::<FRAME_OUTPUTS>().0, outputs[2 * FRAME_OUTPUTS]);
                 let charts = [chart(g, first, &frames[0]), chart(g, second, &frames[1])];
                 let opposite = g.unary("Neg", logit);
-                Charts::Two(charts, [logit, opposite].map(|logit| share(g, logit)))
+                Charts::Two(charts, [opposite, logit].map(|against| share(g, against)))
             }
             _ => unreachable!("a checked specification has one or two charts"),
         }
@@ -141,10 +141,9 @@ impl Chart {
     }
 }
 
-/// σ(logit) within the limits of a share. By the exponential, because onnxruntime's sigmoid is precise to 1e-7 of 1 only.
-fn share(g: &mut Graph, logit: Value) -> Value {
-    let negated = g.unary("Neg", logit);
-    let odds = g.unary("Exp", negated);
+/// σ(−against) within the limits of a share. By the exponential, because onnxruntime's sigmoid is precise to 1e-7 of 1 only.
+fn share(g: &mut Graph, against: Value) -> Value {
+    let odds = g.unary("Exp", against);
     let sum = g.add_scalar(odds, 1.0);
     let one = g.scalar(1.0);
     let share = g.div(one, sum);

@@ -40,15 +40,20 @@ pub fn sample(g: &mut Graph, material: &BakedMaterial) {
         Some(Charts::One(chart)) => {
             point.u = Some(u);
             let (steering, log_weight) = outputs(g, network, &point);
-            (Place::in_chart(g, chart, u, steering), log_weight, None)
+            let complement = g.one_minus(u);
+            let u = Square {
+                position: u,
+                complement,
+            };
+            (Place::in_chart(g, chart, &u, steering), log_weight, None)
         }
         Some(Charts::Two(charts, shares)) => {
             let drawn = Drawn::new(g, charts, shares, u);
-            point.u = Some(drawn.u);
+            point.u = Some(drawn.u.position);
             let (plus, minus) = (g.scalar(1.0), g.scalar(-1.0));
             point.chart = Some(g.select(drawn.is_first, plus, minus));
             let (steering, log_weight) = outputs(g, network, &point);
-            let place = Place::in_chart(g, drawn.chart, drawn.u, steering);
+            let place = Place::in_chart(g, drawn.chart, &drawn.u, steering);
             (place, log_weight, Some(drawn))
         }
     };
@@ -86,8 +91,8 @@ struct Place {
 }
 
 impl Place {
-    fn in_chart(g: &mut Graph, chart: Chart, u: Value, steering: Dual) -> Place {
-        let (square, det): (Square, Value) = warp(g, u, steering);
+    fn in_chart(g: &mut Graph, chart: Chart, u: &Square, steering: Dual) -> Place {
+        let (square, det) = warp(g, u, steering);
         let (direction, area) = chart.square_to_direction(g, &square);
         Place { direction, area, det }
     }
@@ -98,8 +103,8 @@ struct Drawn {
     is_first: Value,
     chart: Chart,
     share: Value,
-    /// u with its first component stretched over the chart, `[N, 2]`.
-    u: Value,
+    /// u with its first component stretched over the chart.
+    u: Square,
 }
 
 impl Drawn {
@@ -107,20 +112,32 @@ impl Drawn {
         g.scope("draw");
         let [u0, u1] = g.columns(u);
         let is_first = g.less(u0, first);
-        // From the far end, in the second chart: its share is small where u₀ less the first one's has lost its digits.
-        let low = g.div(u0, first);
-        let rest = g.one_minus(u0);
-        let complement = g.div(rest, second);
-        let high = g.one_minus(complement);
-        let stretched = g.select(is_first, low, high);
-        let (least, most) = (g.scalar(U_MIN as f32), g.scalar(1.0 - U_MIN as f32));
-        let raised = g.max(stretched, least);
-        let limited = g.min(raised, most);
+        // Distances from both ends of the chart, each where it keeps its digits: the first end of the second chart has
+        // lost them to the split already.
+        let to_end = {
+            let (of_first, of_second) = (g.sub(first, u0), g.one_minus(u0));
+            g.select(is_first, of_first, of_second)
+        };
+        let share = g.select(is_first, first, second);
+        let complement = g.div(to_end, share);
+        let low = {
+            let (of_first, of_second) = (g.div(u0, first), g.one_minus(complement));
+            g.select(is_first, of_first, of_second)
+        };
+        let [low, complement] = [low, complement].map(|part| {
+            let (least, most) = (g.scalar(U_MIN as f32), g.scalar(1.0 - U_MIN as f32));
+            let raised = g.max(part, least);
+            g.min(raised, most)
+        });
+        let rest = g.one_minus(u1);
         let [one, other] = charts;
         Drawn {
             chart: Chart::select(g, is_first, one, other),
-            share: g.select(is_first, first, second),
-            u: g.concat(&[limited, u1]),
+            u: Square {
+                position: g.concat(&[low, u1]),
+                complement: g.concat(&[complement, rest]),
+            },
+            share,
             is_first,
         }
     }

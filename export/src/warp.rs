@@ -12,15 +12,14 @@ use bake_runtime::spec::{DISK_HEIGHT_MIN, WARP_SHIFT_MAX};
 /// Position that keeps every edge in place, and the signed determinant `[N, 1]` of u ↦ position, from the logit shift g
 /// `[N, 2]` and its tangents.
 ///
-/// `u` `[N, 2]` strictly between 0 and 1.
-pub fn warp(g: &mut Graph, u: Value, shift: Dual) -> (Square, Value) {
+/// `u` strictly between 0 and 1.
+pub fn warp(g: &mut Graph, u: &Square, shift: Dual) -> (Square, Value) {
     g.scope("warp");
     let odds = odds(g, shift.value);
-    let rest = g.one_minus(u);
-    let b = g.mul(rest, odds);
-    let s = g.add(u, b);
+    let b = g.mul(u.complement, odds);
+    let s = g.add(u.position, b);
     let square = Square {
-        position: g.div(u, s),
+        position: g.div(u.position, s),
         complement: g.div(b, s),
     };
     let s2 = g.mul(s, s);

@@ -15,9 +15,9 @@ const OUTPUT_TOL: f64 = 1e-4;
 
 /// One rounding to f32.
 const ROUNDING: f64 = f32::EPSILON as f64;
-/// How many times the oracle's own movement two answers may differ: f32 networks were found within 0.4 times of it, and
-/// both may be.
-const MOVEMENTS_MAX: f64 = 1.0;
+/// How many times the oracle's own movement two answers may differ: f32 layers round more than once, and were found
+/// within 1.4 times of it for outputs of up to 16 times the usual size, within 0.4 for usual ones.
+const MOVEMENTS_MAX: f64 = 4.0;
 /// Largest share of queries that rounding may excuse; 0.5 % were found for alpha = 0.01.
 const ROUNDED_SHARE_MAX: f64 = 0.02;
 

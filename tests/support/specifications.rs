@@ -64,7 +64,8 @@ const fn linear(parameter: usize) -> Roughness {
     }
 }
 
-/// Untrained networks of random specifications, which differ from role to role.
+/// Untrained networks of random specifications, which differ from role to role. The outputs of some are so large that they
+/// meet every bound: of shifts, exponents, frames and shares, and the rim of the disk.
 pub fn random_networks(places: Places, free: bool, seed: u64) -> BakedMaterial {
     let mut rng = Rng::new(&[0x5bec, places as u64, free.into(), seed]);
     let (json, alpha) = if free {
@@ -113,7 +114,19 @@ pub fn random_networks(places: Places, free: bool, seed: u64) -> BakedMaterial {
             activation: pick(&mut rng, &[Activation::Silu, Activation::Relu]),
             geometry,
         };
-        untrained(spec, &mut rng)
+        let mut network = untrained(spec, &mut rng);
+        // Steering by more than 8 leaves little of u's digits to compare.
+        let largest = if role == Role::Sample { 8.0 } else { 16.0 };
+        let factors = [
+            (&mut network.frame, [1.0, 1.0, 4.0]),
+            (&mut network.net, [1.0, 4.0, largest]),
+        ];
+        for (layers, factors) in factors {
+            let factor = pick(&mut rng, &factors);
+            let last = layers.last_mut().map(|l| l.weight.iter_mut().chain(&mut l.bias));
+            last.into_iter().flatten().for_each(|value| *value *= factor);
+        }
+        network
     };
     BakedMaterial {
         sample: network(Role::Sample),
