@@ -11,6 +11,7 @@ pub mod error;
 pub mod fused;
 pub mod lobes;
 pub mod maps;
+pub mod nn;
 pub mod optimiser;
 pub mod places;
 pub mod presets;

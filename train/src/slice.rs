@@ -126,7 +126,12 @@ mod tests {
         let conductor = Conductor::new([0.3, 0.1], [1.0, 0.782, 0.344]).expect("valid parameters");
         agrees_with_the_reference(
             &conductor,
-            &Chart::of_frame(Frame::from_outputs([-0.6, -1.6, 0.3, 0.0, 0.0], [-0.5, -0.4])),
+            &Chart::of_frame(Frame {
+                x: 0.55,
+                y: 0.2,
+                shear: 0.3,
+                b: [-0.5, -0.4],
+            }),
         );
         let layered =
             Layered::new(0.2, 1.5, 1.0, [0.9, 0.8, 0.7], [0.6, 0.5, 0.4], 0.0).expect("valid parameters");

@@ -5,7 +5,7 @@ use bake_runtime::simd::{Simd, Tier};
 use bake_train::fused::{Features, Fused, FusedLoss, Nonlinearity, Outputs, OutputsMut, Shape, TileLoss};
 use candle_core::{D, DType, Device, Result, Tensor, Var};
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// Gradients of a tensor agree to this, relative to the largest of them.
 const GRADIENT_TOL: f64 = 1e-5;
@@ -336,18 +336,19 @@ fn candle_sees_one_operation_with_that_gradient() -> Result<()> {
     let parameters = random(&mut rng, shape.parameters());
     let problem = Problem::new(&shape, 3, 65, &mut rng);
     let fused = || Fused::new(Tier::best(), shape.clone(), 3).expect("the best tier");
+    let shared = || Arc::new(Mutex::new(fused()));
     let (value, gradient) = fused().step(&parameters, 65, &problem).expect("valid");
     let var = Var::from_slice(&parameters, parameters.len(), &Device::Cpu)?;
     let loss = var
         .as_tensor()
-        .apply_op1(FusedLoss::new(fused(), 65, problem.clone()))?;
+        .apply_op1(FusedLoss::new(shared(), 65, problem.clone()))?;
     assert_eq!(loss.to_scalar::<f32>()?, value as f32);
     let store = (loss * 3.0)?.backward()?;
     let found = store.get(&var).expect("used").to_vec1::<f32>()?;
     assert!(found.iter().zip(&gradient).all(|(f, g)| *f == 3.0 * g));
     // Another number of parameters is refused.
     let short = Tensor::zeros(7, DType::F32, &Device::Cpu)?;
-    let refused = short.apply_op1(FusedLoss::new(fused(), 65, problem));
+    let refused = short.apply_op1(FusedLoss::new(shared(), 65, problem));
     assert!(refused.is_err_and(|e| e.to_string().contains("are 7, but the network has")));
     Ok(())
 }
