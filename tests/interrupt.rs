@@ -16,7 +16,7 @@ use std::time::Duration;
 /// How long the sampling network is trained before the interruption, so that it comes between two checkpoints.
 const TRAIN: Duration = Duration::from_secs(1);
 
-const FRAME: &str = "baked/vase/checkpoints/train-frame.safetensors";
+const CHARTS: &str = "baked/vase/checkpoints/train-charts.safetensors";
 const MAPS: &str = "baked/vase/checkpoints/maps-0000.safetensors";
 const SAMPLE: &str = "baked/vase/checkpoints/train-sample.safetensors";
 const BAKE: [&str; 5] = ["scene", SCENE, "--quick", "--out", "baked"];
@@ -33,7 +33,7 @@ fn an_interrupted_bake_stops_at_once_and_goes_on_where_it_was() {
         "{said}"
     );
     let finished =
-        [FRAME, MAPS].map(|file| std::fs::read(studio.path(file)).expect("finished stages are kept"));
+        [CHARTS, MAPS].map(|file| std::fs::read(studio.path(file)).expect("finished stages are kept"));
     let first = steps(&studio.path(SAMPLE)).expect("the network being trained is kept");
 
     let mut child = studio
@@ -50,7 +50,7 @@ fn an_interrupted_bake_stops_at_once_and_goes_on_where_it_was() {
         steps(&studio.path(SAMPLE)) > Some(first),
         "the training did not go on"
     );
-    for (file, bytes) in [FRAME, MAPS].iter().zip(finished) {
+    for (file, bytes) in [CHARTS, MAPS].iter().zip(finished) {
         assert!(
             std::fs::read(studio.path(file)).is_ok_and(|now| now == bytes),
             "{file} changed"

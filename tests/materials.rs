@@ -226,31 +226,27 @@ fn bad_requests_are_named() {
     );
 }
 
-/// Every family has files; only conductors can be baked so far, and that is said before any work.
+/// Tables have no symmetry that networks could rely on, and that is said before any work.
 #[test]
-fn only_conductors_are_baked() {
-    for (text, family) in [
-        ("family = \"principled\"\nmetallic = 1.0\n", "\"principled\""),
-        (
-            "family = \"layered\"\nalpha = 0.1\nsigma_t = 1\nalbedo = [1, 1, 1]\nbase = [0.5, 0.5, 0.5]\n",
-            "\"layered\"",
-        ),
-        (
-            "family = \"imported\"\nfile = \"felt.safetensors\"\n",
-            "\"imported\"",
-        ),
-    ] {
-        let studio = Studio::new();
-        std::fs::write(studio.path(MATERIAL_FILE), text).expect("it can be written");
-        complains(
-            &studio,
-            &["scene", SCENE],
-            &[
-                "materials/vase.toml",
-                "`family`",
-                family,
-                "only materials of the family `conductor`",
-            ],
-        );
-    }
+fn imported_materials_are_not_baked() {
+    let studio = Studio::new();
+    let text = "family = \"imported\"\nfile = \"felt.safetensors\"\n";
+    std::fs::write(studio.path(MATERIAL_FILE), text).expect("it can be written");
+    complains(
+        &studio,
+        &["train", MATERIAL_FILE],
+        &["`family`", "\"imported\"", "no symmetry"],
+    );
+}
+
+#[test]
+fn unknown_presets_and_materials_are_refused() {
+    let studio = Studio::new();
+    complains(&studio, &["train", "brass"], &["brass", "there is no such material"]);
+    std::fs::write(studio.path("out"), "a file").expect("it can be written");
+    complains(
+        &studio,
+        &["train", MATERIAL_FILE],
+        &["out/materials/vase", "cannot write there"],
+    );
 }
