@@ -137,6 +137,7 @@ impl<S: Simd, A: Activation> Forward<'_, S, A> {
         let slope = S::Vector::arrays_mut(self.slope);
         let bend = S::Vector::arrays_mut(self.bend);
         let turn = S::Vector::arrays_mut(self.turn);
+        let bent = A::CURVED && self.columns > 1;
         for column in 0..self.columns {
             for query in (0..self.queries).step_by(R) {
                 let first = column * self.queries + query;
@@ -150,29 +151,36 @@ impl<S: Simd, A: Activation> Forward<'_, S, A> {
                 for (r, sums) in sums.into_iter().enumerate() {
                     let out = &mut out[(first + r) * width + at..][..N];
                     let place = (query + r) * width + at;
-                    if column == 0 {
+                    if !A::HIDDEN {
+                        for i in 0..N {
+                            sums[i].write(&mut out[i]);
+                        }
+                    } else if column > 0 {
+                        let slope = &slope[place..][..N];
+                        for i in 0..N {
+                            (sums[i] * zero.load(&slope[i])).write(&mut out[i]);
+                        }
+                        if A::CURVED {
+                            let bend = &bend[place..][..N];
+                            let turn = &mut turn[(column - 1) * self.queries * width + place..][..N];
+                            for i in 0..N {
+                                (sums[i] * zero.load(&bend[i])).write(&mut turn[i]);
+                            }
+                        }
+                    } else if bent {
+                        let (slope, bend) = (&mut slope[place..][..N], &mut bend[place..][..N]);
                         for i in 0..N {
                             let [value, first, second] = A::at(sums[i]);
                             value.write(&mut out[i]);
-                            if A::HIDDEN {
-                                first.write(&mut slope[place + i]);
-                            }
-                            if A::CURVED && self.columns > 1 {
-                                second.write(&mut bend[place + i]);
-                            }
+                            first.write(&mut slope[i]);
+                            second.write(&mut bend[i]);
                         }
                     } else {
-                        let offset = (column - 1) * self.queries * width + place;
+                        let slope = &mut slope[place..][..N];
                         for i in 0..N {
-                            let z = sums[i];
-                            if A::HIDDEN {
-                                (z * zero.load(&slope[place + i])).write(&mut out[i]);
-                            } else {
-                                z.write(&mut out[i]);
-                            }
-                            if A::CURVED {
-                                (z * zero.load(&bend[place + i])).write(&mut turn[offset + i]);
-                            }
+                            let [value, first, _] = A::at(sums[i]);
+                            value.write(&mut out[i]);
+                            first.write(&mut slope[i]);
                         }
                     }
                 }
@@ -229,17 +237,17 @@ impl<S: Simd> Backward<'_, S> {
                 let mut total = [zero; N];
                 for (r, sums) in sums.into_iter().enumerate() {
                     let place = (query + r) * width + at;
-                    let slope = &slope[place..place + N];
+                    let slope = &slope[place..][..N];
                     if column > 0 {
                         if curved {
-                            let offset = (column - 1) * self.queries * width + place;
+                            let turn = &turn[(column - 1) * self.queries * width + place..][..N];
+                            let out = &mut out[place..][..N];
                             for i in 0..N {
-                                let turned = sums[i] * zero.load(&turn[offset + i]);
-                                let turned = match column + 1 == self.columns {
-                                    true => turned,
-                                    false => turned + zero.load(&out[place + i]),
+                                let before = match column + 1 == self.columns {
+                                    true => zero,
+                                    false => zero.load(&out[i]),
                                 };
-                                turned.write(&mut out[place + i]);
+                                sums[i].mul_add(zero.load(&turn[i]), before).write(&mut out[i]);
                             }
                         }
                         let out = &mut out[(first + r) * width + at..][..N];
@@ -247,12 +255,10 @@ impl<S: Simd> Backward<'_, S> {
                             (sums[i] * zero.load(&slope[i])).write(&mut out[i]);
                         }
                     } else {
-                        let out = &mut out[place..place + N];
+                        let out = &mut out[place..][..N];
                         for i in 0..N {
-                            let mut value = sums[i] * zero.load(&slope[i]);
-                            if curved {
-                                value = value + zero.load(&out[i]);
-                            }
+                            let before = if curved { zero.load(&out[i]) } else { zero };
+                            let value = sums[i].mul_add(zero.load(&slope[i]), before);
                             value.write(&mut out[i]);
                             total[i] = total[i] + value;
                         }
