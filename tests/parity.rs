@@ -27,7 +27,7 @@ use support::python::{python, workspace};
 /// Queries of the comparison on a material that ships.
 const QUERIES: usize = 1_000_000;
 /// Queries of a comparison on random networks.
-const RANDOM_QUERIES: usize = 20_000;
+const RANDOM_QUERIES: usize = 5_000;
 /// Fixed vectors for Python: small enough for a readable file, large enough for every stratum.
 const VECTORS: usize = 256;
 

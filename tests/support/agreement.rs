@@ -1,9 +1,10 @@
 //! When two answers to the same query agree.
 //!
-//! A difference is |a − b| / max(s, |b|) with s the mean size of the output, at most 1. Answers agree where it is within
-//! the tolerance of the output. Beyond, one of two reasons must excuse it: the query lies where a chart ends, so that the
-//! two may draw from different ones; or the oracle's own answer moves as far when an input moves by one rounding to f32,
-//! as it does next to the horizon, at the edges of charts and on the flanks of narrow lobes. Both must be rare.
+//! A difference is |a − b| / max(s, |b|) with s the mean size of the output, within [`SIZE_MIN`]..1. Answers agree where it
+//! is within the tolerance of the output. Beyond, one of two reasons must excuse it: the query lies where a chart ends, so
+//! that the two may draw from different ones; or the oracle's own answer moves about as far when an input moves by one
+//! rounding to f32, as it does next to the horizon, at the edges of charts and on the flanks of narrow lobes. Both must be
+//! rare.
 
 use crate::answers::{Answer, OUTPUTS, Queries, Query, WIDTH, oracle_answer};
 use bake_runtime::{BakedMaterial, oracle};
@@ -13,13 +14,17 @@ const WI_TOL: f64 = 1e-5;
 /// Everything else passes through an exponential or a quotient by cos θ, which cost up to a digit more.
 const OUTPUT_TOL: f64 = 1e-4;
 
+/// Smallest size that differences are relative to: a determinant that vanishes is a difference of larger products.
+const SIZE_MIN: f64 = 0.1;
+
 /// One rounding to f32.
 const ROUNDING: f64 = f32::EPSILON as f64;
-/// How many times the oracle's own movement two answers may differ: f32 layers round more than once, and were found
-/// within 1.4 times of it for outputs of up to 16 times the usual size, within 0.4 for usual ones.
-const MOVEMENTS_MAX: f64 = 4.0;
-/// Largest share of queries that rounding may excuse; 0.5 % were found for alpha = 0.01.
-const ROUNDED_SHARE_MAX: f64 = 0.02;
+/// How many times the oracle's own movement two answers may differ: f32 layers round more than once. Native kernels and
+/// onnxruntime were found within 3.5 times of it, each on its side, where outputs steer with eight times the usual size,
+/// and within 0.5 for usual ones.
+const MOVEMENTS_MAX: f64 = 16.0;
+/// Largest share of queries that rounding may excuse: 0.5 % were found for alpha = 0.01, up to 2 % for such steering.
+const ROUNDED_SHARE_MAX: f64 = 0.05;
 
 /// Distance of u₀ from the share of the first chart within which either chart may be drawn: the share is a sigmoid of an
 /// output that f32 layers leave within about 1e-6.
@@ -79,7 +84,7 @@ pub fn assert_agree(
         .iter()
         .map(|column| {
             let sum: f64 = column.iter().map(|&v| f64::from(v).abs()).sum();
-            (sum / column.len() as f64).min(1.0)
+            (sum / column.len() as f64).clamp(SIZE_MIN, 1.0)
         })
         .collect();
     let (mut rounded, mut split) = (0, 0);
