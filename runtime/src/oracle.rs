@@ -3,7 +3,7 @@
 
 mod invert;
 
-pub use invert::{DET_MIN, Inverted, STEP_MAX, exact_pdf};
+pub use invert::{DET_MIN, Inverted, STEP_MAX, exact_pdf, mixture_jacobian};
 
 use crate::chart::Chart;
 use crate::features::Point;
@@ -299,7 +299,7 @@ mod tests {
     /// Two quadratures of one smooth function.
     const QUADRATURE_TOL: f64 = 2e-3;
 
-    fn random(spec: NetworkSpec, seed: u64) -> Network {
+    pub fn random(spec: NetworkSpec, seed: u64) -> Network {
         let mut rng = Rng::new(&[0x0ac1e, seed]);
         let mut layers = |shapes: Vec<(usize, usize)>| -> Vec<Dense> {
             let dense = |(inputs, outputs): (usize, usize)| Dense {
@@ -336,7 +336,7 @@ mod tests {
         spec
     }
 
-    fn charts() -> Geometry {
+    pub fn charts() -> Geometry {
         Geometry::Charts(ChartsSpec {
             anchors: vec![Anchor::Mirror, Anchor::Diffuse],
             alpha: [Roughness::Fixed(0.3); 2],
@@ -348,10 +348,10 @@ mod tests {
         })
     }
 
-    fn sampler(geometry: Geometry, encoding: Encoding) -> Network {
+    pub fn sampler(geometry: Geometry, encoding: Encoding) -> Network {
         let chart = match &geometry {
-            Geometry::Charts(_) => Quantity::Chart,
-            Geometry::Disk => Quantity::WoDisk,
+            Geometry::Charts(charts) if charts.anchors.len() > 1 => Quantity::Chart,
+            _ => Quantity::WoDisk,
         };
         let inputs = vec![
             Input::plain(Quantity::U, encoding),
@@ -365,7 +365,7 @@ mod tests {
         random(spec(Role::Sample, geometry, inputs), 1)
     }
 
-    fn densities(role: Role) -> Network {
+    pub fn densities(role: Role) -> Network {
         let inputs = vec![
             Input::plain(Quantity::Local(0), Encoding::Identity),
             Input::plain(Quantity::Local(1), Encoding::Identity),

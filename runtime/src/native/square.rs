@@ -96,7 +96,8 @@ mod tests {
             let (found, rest) = hemisphere_to_square(w);
             let edges = [0, 1].map(|c: usize| s[c].min(complement[c]));
             for c in 0..2 {
-                let angle = if edges[c] > edges[1 - c] { ANGLE_TOL } else { 0.0 };
+                let nearer = edges[c] + f64::from(ANGLE_TOL) < edges[1 - c];
+                let angle = if nearer { 0.0 } else { ANGLE_TOL };
                 for (found, expected) in [(found[c], s[c]), (rest[c], complement[c])] {
                     let (found, expected) = (number(found), expected as f32);
                     assert!(

@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod contract;
+mod inversion;
 mod materials;
 mod queries;
 mod rounding;

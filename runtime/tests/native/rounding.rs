@@ -2,7 +2,7 @@
 //!
 //! The oracle answers the same query again after every weight, parameter, direction and number has been moved by a rounding
 //! or two; what that moves the answer by is what single precision may be off by. Roundings of numbers that the charts make
-//! on the way have no such move: [`floors`] follow them.
+//! on the way have no such move: floors follow them.
 
 use crate::queries::{Exact, Queries, normalised};
 use bake_runtime::chart::Chart;
@@ -18,7 +18,7 @@ const COPIES: usize = 8;
 /// Errors allowed over the largest change that moves made.
 const MOVES_ALLOWED: f64 = 8.0;
 /// Part of a value that it may be off by however little moves change it: some tens of roundings.
-const FLOOR: f64 = 3e-6;
+pub const FLOOR: f64 = 3e-6;
 
 /// `value` moved by up to [`MOVE`] of itself.
 fn moved(value: f64, rng: &mut Rng) -> f64 {
@@ -40,9 +40,7 @@ fn moved_network(network: &Network, rng: &mut Rng) -> Network {
     if let Geometry::Charts(charts) = &mut network.spec.geometry {
         for alpha in &mut charts.alpha {
             match alpha {
-                Roughness::Fixed(value) | Roughness::Free { factor: value, .. } => {
-                    *value = moved(*value, rng)
-                }
+                Roughness::Fixed(value) | Roughness::Free { factor: value, .. } => *value = moved(*value, rng),
             }
         }
     }
@@ -50,7 +48,9 @@ fn moved_network(network: &Network, rng: &mut Rng) -> Network {
 }
 
 fn moved_query(query: &Exact, rng: &mut Rng) -> Exact {
-    let mut unit = |w: [f64; 3]| normalised(w.map(|c| moved(c, rng)));
+    let mut unit = |w: [f64; 3]| {
+        normalised(w.map(|c| moved(c, rng)))
+    };
     let (wo, wi) = (unit(query.wo), unit(query.wi));
     Exact {
         params: query.params.iter().map(|p| moved(*p, rng)).collect(),
@@ -60,24 +60,9 @@ fn moved_query(query: &Exact, rng: &mut Rng) -> Exact {
     }
 }
 
-/// The oracle's answers, in the order of [`crate::queries::Answers::columns`].
-fn answer(material: &BakedMaterial, query: &Exact) -> Vec<f64> {
-    let Exact { params, wo, wi, u } = query;
-    let sample = oracle::sample(&material.sample, params, *wo, *u);
-    let mut row = Vec::new();
-    row.extend(sample.wi);
-    row.extend(sample.weight);
-    row.extend(sample.wi);
-    row.extend(oracle::eval(&material.eval, params, *wo, *wi));
-    row.extend(sample.wi);
-    row.push(oracle::jacobian(&sample, &material.pdf, params, *wo));
-    row.push(oracle::pdf(&material.pdf, params, *wo, *wi).0);
-    row
-}
-
 /// How much roundings of the charts' own numbers grow on the way of `wi` into the frames of `network`: those of the boost's
 /// velocity by the boost and by the slopes of the frame, those of the frame's shear by what it subtracts.
-fn condition(network: &Network, query: &Exact, wi: [f64; 3]) -> f64 {
+pub fn condition(network: &Network, query: &Exact, wi: [f64; 3]) -> f64 {
     let (wo, turn) = oracle::fold(network.spec.symmetry, query.wo);
     let w = oracle::folded(turn, wi);
     let of_chart = |(_, chart): (f64, Chart)| {
@@ -94,7 +79,7 @@ fn condition(network: &Network, query: &Exact, wi: [f64; 3]) -> f64 {
 }
 
 /// How much roundings of the boost's velocity grow on the way to the drawn light: see [`condition`].
-fn boost_condition(network: &Network, query: &Exact, sample: &OracleSample) -> f64 {
+pub fn boost_condition(network: &Network, query: &Exact, sample: &OracleSample) -> f64 {
     let (wo, turn) = oracle::fold(network.spec.symmetry, query.wo);
     let w = oracle::folded(turn, sample.wi);
     match oracle::charts_of(network, &query.params, wo).get(sample.chart) {
@@ -105,7 +90,7 @@ fn boost_condition(network: &Network, query: &Exact, sample: &OracleSample) -> f
 
 /// The Jacobian with all its terms added instead of subtracted, from differences of the position; these vanish where u is
 /// next to its limits.
-fn terms(network: &Network, query: &Exact, sample: &OracleSample) -> f64 {
+pub fn terms(network: &Network, query: &Exact, sample: &OracleSample) -> f64 {
     let at = |j: usize, by: f64| {
         let mut u = query.u;
         u[j] += by * u[j].min(1.0 - u[j]);
@@ -124,36 +109,21 @@ fn terms(network: &Network, query: &Exact, sample: &OracleSample) -> f64 {
     terms.max(sample.jacobian.abs())
 }
 
-/// Round-off that moves do not show, in the order of [`crate::queries::Answers::columns`]: what each column may be off by at least.
-fn floors(material: &BakedMaterial, query: &Exact, row: &[f64]) -> Vec<f64> {
-    let sample = oracle::sample(&material.sample, &query.params, query.wo, query.u);
-    let boost = boost_condition(&material.sample, query, &sample);
-    let lights = [FLOOR * boost, FLOOR * boost, FLOOR * boost * sample.wi[2]];
-    let [of_eval, of_pdf] =
-        [&material.eval, &material.pdf].map(|network| condition(network, query, query.wi));
-    let mut of_jacobian = boost * terms(&material.sample, query, &sample);
-    if material.pdf.spec.outputs() > 1 {
-        of_jacobian *= condition(&material.pdf, query, sample.wi) * (row[15] / sample.jacobian).abs();
-    }
-    let mut floors = Vec::new();
-    floors.extend(lights);
-    floors.extend(row[3..6].iter().map(|v| FLOOR * v));
-    floors.extend(lights);
-    floors.extend(row[9..12].iter().map(|v| FLOOR * of_eval * v));
-    floors.extend(lights);
-    floors.push(FLOOR * of_jacobian);
-    floors.push(FLOOR * of_pdf * row[16]);
-    floors
-}
-
 /// What an answer should be, and how far off it may be.
 pub struct Expected {
     pub value: f64,
     pub tolerance: f64,
 }
 
-/// What every query should give, column by column.
-pub fn expected(material: &BakedMaterial, queries: &Queries, seed: u64) -> Vec<Vec<Expected>> {
+/// What every query should give, column by column, if `answer` is what the oracle gives and `floors` what that may be off by
+/// beside what moves show.
+pub fn expected(
+    material: &BakedMaterial,
+    queries: &Queries,
+    seed: u64,
+    answer: impl Fn(&BakedMaterial, &Exact) -> Vec<f64>,
+    floors: impl Fn(&BakedMaterial, &Exact, &[f64]) -> Vec<f64>,
+) -> Vec<Vec<Expected>> {
     let mut rng = Rng::new(&[0x30fed, seed]);
     let copies: Vec<BakedMaterial> = (0..COPIES)
         .map(|_| BakedMaterial {
@@ -184,3 +154,4 @@ pub fn expected(material: &BakedMaterial, queries: &Queries, seed: u64) -> Vec<V
     }
     columns
 }
+
