@@ -242,7 +242,11 @@ fn imported_materials_are_not_baked() {
 #[test]
 fn unknown_presets_and_materials_are_refused() {
     let studio = Studio::new();
-    complains(&studio, &["train", "brass"], &["brass", "there is no such material"]);
+    complains(
+        &studio,
+        &["train", "brass"],
+        &["brass", "there is no such material"],
+    );
     std::fs::write(studio.path("out"), "a file").expect("it can be written");
     complains(
         &studio,

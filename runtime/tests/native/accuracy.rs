@@ -31,7 +31,8 @@ fn floors(material: &BakedMaterial, query: &Exact, row: &[f64]) -> Vec<f64> {
     let sample = oracle::sample(&material.sample, &query.params, query.wo, query.u);
     let boost = boost_condition(&material.sample, query, &sample);
     let lights = [FLOOR * boost, FLOOR * boost, FLOOR * boost * sample.wi[2]];
-    let [of_eval, of_pdf] = [&material.eval, &material.pdf].map(|network| condition(network, query, query.wi));
+    let [of_eval, of_pdf] =
+        [&material.eval, &material.pdf].map(|network| condition(network, query, query.wi));
     let mut of_jacobian = boost * terms(&material.sample, query, &sample);
     if material.pdf.spec.outputs() > 1 {
         of_jacobian *= condition(&material.pdf, query, sample.wi) * (row[15] / sample.jacobian).abs();

@@ -34,7 +34,11 @@ fn floors(material: &BakedMaterial, query: &Exact, row: &[f64]) -> Vec<f64> {
     let sample = oracle::sample(network, &query.params, query.wo, query.u);
     let density = RESIDUAL_TOL + FLOOR * condition(network, query, query.wi);
     let mut mixture = FLOOR * boost_condition(network, query, &sample) * terms(network, query, &sample);
-    if network.spec.charts().is_some_and(|charts| charts.anchors.len() > 1) {
+    if network
+        .spec
+        .charts()
+        .is_some_and(|charts| charts.anchors.len() > 1)
+    {
         let parts = RESIDUAL_TOL + condition(network, query, sample.wi) * mixture / sample.jacobian.abs();
         mixture = parts * row[1].abs();
     }
@@ -53,7 +57,11 @@ fn every_tier_finds_the_densities_of_the_oracle() {
             let [of_pdf, of_mixture] = answers.inversions;
             assert_eq!(of_pdf.queries, (charts * queries.len()) as u64);
             assert_eq!(of_mixture.queries, if charts > 1 { of_pdf.queries } else { 0 });
-            assert_eq!(of_pdf.unconverged + of_mixture.unconverged, 0, "{kind:?}, {tier:?}");
+            assert_eq!(
+                of_pdf.unconverged + of_mixture.unconverged,
+                0,
+                "{kind:?}, {tier:?}"
+            );
             for (found, expected) in [&answers.exact_pdf, &answers.mixture].into_iter().zip(&expected) {
                 for (i, (&found, expected)) in found.iter().zip(expected).enumerate() {
                     let error = (f64::from(found) - expected.value).abs();
@@ -138,8 +146,14 @@ fn means(material: &BakedMaterial, wo: [f32; 3]) -> [f64; 3] {
         mixture,
         ..
     } = &mut run(&mut backend, &queries);
-    let integral = f_cos[0].iter().zip(areas).map(|(f, area)| f64::from(*f) * area).sum();
-    backend.eval(points, refs(wi), slices(f_cos)).expect("equal lengths");
+    let integral = f_cos[0]
+        .iter()
+        .zip(areas)
+        .map(|(f, area)| f64::from(*f) * area)
+        .sum();
+    backend
+        .eval(points, refs(wi), slices(f_cos))
+        .expect("equal lengths");
     let [learned, exact] = [jacobian, mixture].map(|jacobian| {
         let weights = f_cos[0].iter().zip(jacobian).map(|(f, j)| f64::from(*f * *j));
         weights.sum::<f64>() / count as f64

@@ -40,7 +40,9 @@ fn moved_network(network: &Network, rng: &mut Rng) -> Network {
     if let Geometry::Charts(charts) = &mut network.spec.geometry {
         for alpha in &mut charts.alpha {
             match alpha {
-                Roughness::Fixed(value) | Roughness::Free { factor: value, .. } => *value = moved(*value, rng),
+                Roughness::Fixed(value) | Roughness::Free { factor: value, .. } => {
+                    *value = moved(*value, rng)
+                }
             }
         }
     }
@@ -48,9 +50,7 @@ fn moved_network(network: &Network, rng: &mut Rng) -> Network {
 }
 
 fn moved_query(query: &Exact, rng: &mut Rng) -> Exact {
-    let mut unit = |w: [f64; 3]| {
-        normalised(w.map(|c| moved(c, rng)))
-    };
+    let mut unit = |w: [f64; 3]| normalised(w.map(|c| moved(c, rng)));
     let (wo, wi) = (unit(query.wo), unit(query.wi));
     Exact {
         params: query.params.iter().map(|p| moved(*p, rng)).collect(),
@@ -154,4 +154,3 @@ pub fn expected(
     }
     columns
 }
-

@@ -1,7 +1,7 @@
 //! The warp preset: a small network bends the square of each chart; what charts can say exactly, no network learns.
 //!
 //! Inputs are the camera's direction with the horizon resolved, the analytic chart of the mirrored lobe, which says how
-//! narrow it is and how near to the horizon, and the free parameters over their range, roughness by its square root.
+//! narrow it is and how near to the horizon, and the free parameters over their range, roughness and colours by their square roots.
 
 use super::{lobes, source, symmetry};
 use crate::error::Result;
@@ -13,8 +13,11 @@ use bake_runtime::{Family, Material, NetworkSpec, Role};
 
 /// Hidden widths of a material of which only `wo` is free: sampling, evaluation, pdf and frame network.
 const FIXED: [&[usize]; 4] = [&[32; 3], &[32; 3], &[24; 3], &[16; 2]];
-/// The same where parameters are free.
-const FREE: [&[usize]; 4] = [&[64; 4], &[64; 4], &[48; 3], &[32; 2]];
+/// The same where parameters are free: with one chart, and with two, each of which asks less.
+const FREE: [[&[usize]; 4]; 2] = [
+    [&[64; 4], &[64; 4], &[48; 3], &[32; 2]],
+    [&[32; 3], &[64; 3], &[32; 3], &[32; 2]],
+];
 
 /// The specification of `role` for `material`.
 ///
@@ -23,7 +26,10 @@ const FREE: [&[usize]; 4] = [&[64; 4], &[64; 4], &[48; 3], &[32; 2]];
 pub fn spec(role: Role, material: &Material) -> Result<NetworkSpec> {
     let symmetry = symmetry(material)?;
     let charts = lobes(material.family).len();
-    let [sample, eval, pdf, frame] = if material.free().is_empty() { FIXED } else { FREE };
+    let [sample, eval, pdf, frame] = match material.free().is_empty() {
+        true => FIXED,
+        false => FREE[charts - 1],
+    };
     let hidden = match role {
         Role::Sample => sample,
         Role::Eval => eval,
@@ -75,7 +81,8 @@ fn place_inputs(material: &Material, symmetry: Symmetry) -> Vec<Input> {
             .enumerate()
             .map(|(i, (label, min, max))| Input {
                 quantity: Quantity::Parameter(i),
-                scale: match is_alpha(label) {
+                // Roughness and colours (what has several components) matter by their ratios more than by their size.
+                scale: match is_alpha(label) || label.contains('[') {
                     true => Scale::Sqrt([*min, *max]),
                     false => Scale::Linear([*min, *max]),
                 },
