@@ -1,7 +1,7 @@
 //! A network's weights as the products read them, and its gradient as they write it.
 
 use super::aligned::Aligned;
-use super::product::{STEPS, padded, panel};
+use super::product::{padded, panel};
 use super::shape::Shape;
 
 /// One layer, packed for a tier.
@@ -14,9 +14,9 @@ pub struct Layer {
     pub input_width: usize,
     /// Outputs, padded.
     pub output_width: usize,
-    /// Wᵀ: panels over outputs, in each one row per input, and zeros up to a multiple of [`STEPS`].
+    /// Wᵀ: panels over outputs, in each one row per input.
     pub forward: Aligned,
-    /// W: panels over inputs, in each one row per output, and zeros likewise.
+    /// W: panels over inputs, in each one row per output.
     pub backward: Aligned,
     /// Bias, padded.
     pub bias: Aligned,
@@ -30,8 +30,8 @@ impl Layer {
             outputs,
             input_width,
             output_width,
-            forward: Aligned::zeros(inputs.next_multiple_of(STEPS) * output_width),
-            backward: Aligned::zeros(outputs.next_multiple_of(STEPS) * input_width),
+            forward: Aligned::zeros(inputs * output_width),
+            backward: Aligned::zeros(outputs * input_width),
             bias: Aligned::zeros(output_width),
         }
     }
@@ -59,22 +59,18 @@ pub fn fill(layers: &mut [Layer], lanes: usize, parameters: &[f32]) {
         rest = after;
         layer.bias[..layer.outputs].copy_from_slice(bias);
         let unit = panel(lanes) * lanes;
-        let (input_rows, output_rows) = (
-            layer.inputs.next_multiple_of(STEPS),
-            layer.outputs.next_multiple_of(STEPS),
-        );
         for (output, row) in weights.chunks_exact(layer.inputs).enumerate() {
             // A panel's rows are as wide as what is left for it.
             let start = output / unit * unit;
             let width = unit.min(layer.output_width - start);
-            let target = &mut layer.forward[start * input_rows + output - start..];
+            let target = &mut layer.forward[start * layer.inputs + output - start..];
             for (target, weight) in target.iter_mut().step_by(width).zip(row) {
                 *target = *weight;
             }
             for (i, row) in row.chunks(unit).enumerate() {
                 let start = i * unit;
                 let width = unit.min(layer.input_width - start);
-                let target = start * output_rows + output * width;
+                let target = start * layer.outputs + output * width;
                 layer.backward[target..target + row.len()].copy_from_slice(row);
             }
         }

@@ -15,9 +15,6 @@ const WIDE_ROWS: usize = 6;
 /// Rows of narrower blocks; rows of a tile's column are a multiple of it.
 pub const ROWS: usize = 2 * WIDE_ROWS;
 
-/// Steps of k between two looks at the bounds; depths are padded to a multiple of it, and [`ROWS`] is one.
-pub const STEPS: usize = 4;
-
 /// Widths are padded to a multiple of this, or of the lanes if they are more: blocks of up to [`ROWS`] columns
 /// that begin before a width's end, at an even place, then end within the padding.
 const PAD: usize = 8;
@@ -78,16 +75,15 @@ fn block_of_rows<V: Vector, const R: usize, const N: usize>(
     at: usize,
     right: &[V::Array],
 ) -> [[V; N]; R] {
-    let right = right.as_chunks::<N>().0.as_chunks::<STEPS>().0;
-    let mut rows: [&[[f32; STEPS]]; R] = [&[]; R];
+    let right = right.as_chunks::<N>().0;
+    // All of one length, so that no index needs a look at the bounds.
+    let mut rows: [&[f32]; R] = [&[]; R];
     for (r, row) in rows.iter_mut().enumerate() {
-        *row = &left.numbers[(at + r) * left.stride..].as_chunks().0[..right.len()];
+        *row = &left.numbers[(at + r) * left.stride..][..right.len()];
     }
     let mut sums = [first; R];
     for (k, right) in right.iter().enumerate() {
-        for (step, right) in right.iter().enumerate() {
-            add_product(&mut sums, zero, |r| rows[r][k][step], right);
-        }
+        add_product(&mut sums, zero, |r| rows[r][k], right);
     }
     sums
 }
@@ -322,16 +318,13 @@ impl<S: Simd> Weights<'_, S> {
                 *sum = zero.load(gradient);
             }
         }
-        let stride = self.left.stride;
-        let left = self.left.numbers.chunks_exact(STEPS * stride);
-        let right = S::Vector::arrays(self.right.numbers).chunks_exact(STEPS * width);
+        let left = self.left.numbers.chunks_exact(self.left.stride);
+        let right = S::Vector::arrays(self.right.numbers).chunks_exact(width);
         for (left, right) in left.zip(right) {
-            for step in 0..STEPS {
-                let left = left[step * stride + output..].first_chunk::<R>();
-                let right = right[step * width + at..].first_chunk::<N>();
-                if let (Some(left), Some(right)) = (left, right) {
-                    add_product(&mut sums, zero, |r| left[r], right);
-                }
+            let left = left[output..].first_chunk::<R>();
+            let right = right[at..].first_chunk::<N>();
+            if let (Some(left), Some(right)) = (left, right) {
+                add_product(&mut sums, zero, |r| left[r], right);
             }
         }
         for (r, sums) in sums.into_iter().enumerate() {

@@ -12,7 +12,7 @@ use std::ops::Range;
 
 /// Rows of a tile, over all columns: enough that a weight gradient is worth loading, few enough that a layer's
 /// rows stay in the first-level cache.
-const TILE_ROWS: usize = 96;
+const TILE_ROWS: usize = 192;
 
 /// Queries of a tile with `columns` blocks of rows.
 pub fn queries(columns: usize) -> usize {
