@@ -237,6 +237,7 @@ fn imported_materials_are_not_baked() {
         &["train", MATERIAL_FILE],
         &["`family`", "\"imported\"", "no symmetry"],
     );
+    complains(&studio, &["scene", SCENE], &["felt.safetensors"]);
 }
 
 #[test]

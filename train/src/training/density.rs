@@ -120,12 +120,12 @@ impl TileLoss for EvalLoss {
         let mut loss = 0.0;
         for (i, k) in queries.enumerate() {
             let (mut own, mut slope) = ([0.0; 3 * CHARTS_MAX], [0.0; 3 * CHARTS_MAX]);
-            for o in 0..count {
-                own[o] = outputs.plane(0, o)[i];
+            for (o, own) in own.iter_mut().enumerate().take(count) {
+                *own = outputs.plane(0, o)[i];
             }
             loss += self.of(&self.batch.values[k], &own, &mut slope);
-            for o in 0..count {
-                gradient.plane(0, o)[i] = slope[o];
+            for (o, slope) in slope.iter().enumerate().take(count) {
+                gradient.plane(0, o)[i] = *slope;
             }
         }
         loss

@@ -150,10 +150,8 @@ impl Warp {
             warp.h[c] = u / (u + rest);
             warp.complement[c] = rest / (u + rest);
             warp.spread[c] = u * (1.0 - u);
-            for j in 0..2 {
-                let direct = if c == j { 1.0 } else { 0.0 };
-                warp.bent[c][j] = direct + warp.spread[c] * f64::from(slopes[c][j]);
-            }
+            warp.bent[c] = slopes[c].map(|slope| warp.spread[c] * f64::from(slope));
+            warp.bent[c][c] += 1.0;
         }
         warp
     }
@@ -280,8 +278,8 @@ impl TileLoss for WarpLoss {
             loss += value + MAP_WEIGHT * far;
             for c in 0..2 {
                 gradient.plane(0, c)[i] = (by_g[c] + MAP_WEIGHT * pull[c]) as f32;
-                for j in 0..2 {
-                    gradient.plane(1 + j, c)[i] = by_slopes[c][j] as f32;
+                for (j, slope) in by_slopes[c].iter().enumerate() {
+                    gradient.plane(1 + j, c)[i] = *slope as f32;
                 }
             }
             let target = self.weight(entry, &warp, &place);
