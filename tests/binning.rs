@@ -17,8 +17,8 @@ const BINNING_LIMIT: f64 = 0.04;
 const SUBSET_FACTOR: f64 = 1.25;
 /// Smallest true bias worth failing for: floors of this test, not of the estimator.
 const BIAS_LIMIT: f64 = 5e-4;
-/// The damage: the last layer's first row scaled by this, a map that squeezes its samples to the middle.
-const DAMAGE: f32 = 0.8;
+/// The damage: the last layer's first row scaled by this, a map that does not move its samples far enough.
+const DAMAGE: f32 = 0.5;
 
 fn vase() -> (PathBuf, BakedMaterial) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/materials/vase");

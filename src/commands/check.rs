@@ -7,8 +7,8 @@ use crate::{backends, output};
 use anyhow::{Context, Result};
 use bake_runtime::BakedMaterial;
 use bake_runtime::native::Tier;
-use bake_train::card::heldout::PER_STRATUM;
-use bake_train::card::{self, Card, Runners, Size, TrainingCost};
+use bake_train::card::heldout::{PER_STRATUM, STRATA};
+use bake_train::card::{self, Bias, Card, PlaceErrors, Runners, Size, StratumErrors, TrainingCost};
 use bake_train::presets::Preset;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,8 +16,19 @@ use std::path::Path;
 /// Name of the card in a baked folder.
 pub const CARD_FILE: &str = "card.json";
 
-/// Of the held-out directions, a quick bake measures every so many.
+/// Of the held-out places, a quick bake measures every so many.
 pub const QUICK_EVERY: usize = 4;
+
+/// Keys that need onnxruntime.
+const ORT_KEYS: [&str; 3] = ["parity.ort_vs_native_max", "parity.ort_vs_f64_max", "cost.ort_sample_ns"];
+/// Keys that need the exact mixture of two charts.
+const MIXTURE_KEYS: [&str; 5] = [
+    "errors.*.albedo_bias_mixture",
+    "errors.*.weight_relvar_mixture",
+    "errors.*.weight_max_mixture",
+    "errors.*.newton_unconverged",
+    "cost.sample_mixture_ns",
+];
 
 /// What is known of a bake besides what can be measured.
 pub struct Provenance {
@@ -67,7 +78,7 @@ fn read_card(path: &Path) -> Result<Option<Card>> {
     Ok(Some(card))
 }
 
-/// Measures the card of `material`, whose ONNX files lie in `folder`, on every `every`-th held-out direction.
+/// Measures the card of `material`, whose ONNX files lie in `folder`, at every `every`-th held-out place.
 pub fn measure(
     material: &BakedMaterial,
     folder: &Path,
@@ -78,31 +89,31 @@ pub fn measure(
     let native = || backends::native(material);
     let ort = || backends::ort(folder);
     let mut nulls = BTreeMap::new();
+    let mut say = |keys: &[&str], reason: &str| {
+        nulls.extend(keys.iter().map(|key| (key.to_string(), reason.to_string())));
+    };
     let has_ort = match ort() {
         Ok(_) => true,
         Err(error) => {
             output::warn(&format!(
                 "parity with onnxruntime and ort_sample_ns stay null: {error}"
             ));
-            for key in [
-                "parity.ort_vs_native_max",
-                "parity.ort_vs_f64_max",
-                "cost.ort_sample_ns",
-            ] {
-                nulls.insert(key.to_string(), error.to_string());
-            }
+            say(&ORT_KEYS, &error.to_string());
             false
         }
     };
-    nulls.insert(
-        "cost.percent_of_fma_peak".into(),
-        "the machine's peak is not measured by this version".into(),
+    let charts = material.sample.spec.charts().map_or(0, |c| c.anchors.len());
+    if charts < 2 {
+        say(&MIXTURE_KEYS, "there is one chart, and nothing to mix");
+    }
+    say(
+        &["cost.percent_of_fma_peak"],
+        "the machine's peak is not measured by this version",
     );
     if provenance.training.is_none() {
-        nulls.insert("training".into(), "there was no card that recorded it".into());
+        say(&["training"], "there was no card that recorded it");
     }
     let mixture = || backends::mixture(material);
-    let charts = material.sample.spec.charts().map_or(0, |c| c.anchors.len());
     let runners = Runners {
         tier: Tier::best().name(),
         native: &native,
@@ -110,7 +121,7 @@ pub fn measure(
         mixture: (charts > 1).then_some(&mixture),
     };
     let (errors, parity, cost) = card::check(material, &runners, every, &|done, total| {
-        stages.report("checking held-out slices", done, total)
+        stages.report("checking held-out places", done, total)
     })?;
     stages.finish();
     let spec = &material.sample.spec;
@@ -146,33 +157,13 @@ pub fn print(card: &Card, old: Option<&Card>) {
         "{:<34}{:>13}{:>13}{:>13}",
         "", "θ ≤ 75°", "75–85°", "85–89°"
     ));
-    let strata = ["theta_0_75", "theta_75_85", "theta_85_89"];
-    let row = |name: &str, value: &dyn Fn(&card::StratumErrors) -> f64| {
-        let cells = |card: &Card| strata.map(|s| card.errors.get(s).map_or(f64::NAN, value));
-        let text = cells(card).map(|v| format!("{v:>13.2e}")).concat();
-        let before = old.map_or(String::new(), |o| {
-            format!("   card:{}", cells(o).map(|v| format!("{v:>10.2e}")).concat())
-        });
-        output::line(&format!("{name:<34}{text}{before}"));
-    };
-    row("binning L1, mean", &|e| e.binning_l1.mean);
-    row("binning L1, worst", &|e| e.binning_l1.worst);
-    row("binning L1, floor", &|e| e.binning_floor);
-    row("albedo bias, learned", &|e| e.albedo_bias_learned.mean);
-    row("albedo bias, exact", &|e| e.albedo_bias_exact.mean);
-    row("   its standard error", &|e| e.albedo_bias_exact.se);
-    row("albedo bias, exact_baked", &|e| e.albedo_bias_exact_baked.mean);
-    row("weight variance, exact, mean", &|e| e.weight_relvar_exact.mean);
-    row("largest weight, exact", &|e| e.weight_max_exact);
-    row("folded share of u", &|e| e.fold_fraction);
-    row("energy not covered", &|e| e.coverage_loss);
-    row("χ² effect against pdf network", &|e| e.chi2_effect.mean);
-    row("evaluation, relative L1", &|e| e.eval_rel_l1.mean);
-    row("∫ pdf dω, mean", &|e| e.pdf_integral.mean);
+    print_errors(card, old);
+    print_worst_places(card);
     let c = &card.cost;
+    let more = |what: &str, ns: Option<f64>| ns.map_or(String::new(), |ns| format!("; {what} {ns:.0}"));
     output::line(&format!(
         "ns per query, one thread, batch {}, {}: learned {:.0}, with jacobian {:.0}, exact {:.0}, eval {:.0}, pdf {:.0}; \
-         reference walk {:.0}, reference eval {:.0}{}",
+         reference sample {:.0}, reference eval {:.0}{}{}",
         c.batch,
         c.tier,
         c.sample_learned_ns,
@@ -182,8 +173,8 @@ pub fn print(card: &Card, old: Option<&Card>) {
         c.pdf_ns,
         c.reference_sample_ns,
         c.reference_eval_ns,
-        c.ort_sample_ns
-            .map_or(String::new(), |ns| format!("; onnxruntime, learned {ns:.0}")),
+        more("exact mixture", c.sample_mixture_ns),
+        more("onnxruntime, learned", c.ort_sample_ns),
     ));
     let p = &card.parity;
     output::line(&format!(
@@ -192,4 +183,84 @@ pub fn print(card: &Card, old: Option<&Card>) {
         p.ort_vs_native_max
             .map_or(String::new(), |v| format!(", onnxruntime to native {v:.1e}"))
     ));
+}
+
+fn print_errors(card: &Card, old: Option<&Card>) {
+    let row = |name: &str, value: &dyn Fn(&StratumErrors) -> Option<f64>| {
+        let cells = |card: &Card, width: usize| {
+            let cell = |stratum: &str| match card.errors.get(stratum).and_then(value) {
+                Some(v) => format!("{v:>width$.2e}"),
+                None => format!("{:>width$}", "-"),
+            };
+            STRATA.map(cell).concat()
+        };
+        let before = old.map_or(String::new(), |o| format!("   card:{}", cells(o, 10)));
+        output::line(&format!("{name:<34}{}{before}", cells(card, 13)));
+    };
+    row("binning L1, mean", &|e| Some(e.binning_l1.mean));
+    row("binning L1, worst", &|e| Some(e.binning_l1.worst));
+    row("binning L1, floor", &|e| Some(e.binning_floor));
+    row("albedo bias, learned", &|e| Some(e.albedo_bias_learned.mean));
+    row("albedo bias, exact", &|e| Some(e.albedo_bias_exact.mean));
+    row("   its standard error", &|e| Some(e.albedo_bias_exact.se));
+    row("   worst, in standard errors", &|e| {
+        Some(e.albedo_bias_exact.worst_sigmas)
+    });
+    row("   worst, as many are allowed", &|e| {
+        Some(e.albedo_bias_exact.worst_allowed_sigmas)
+    });
+    row("albedo bias, map alone", &|e| Some(e.albedo_bias_map.mean));
+    row("albedo bias, exact_baked", &|e| {
+        Some(e.albedo_bias_exact_baked.mean)
+    });
+    row("weight variance, exact, mean", &|e| {
+        Some(e.weight_relvar_exact.mean)
+    });
+    row("weight variance, map alone, mean", &|e| {
+        Some(e.weight_relvar_map.mean)
+    });
+    row("weight variance, mixture, mean", &|e| {
+        e.weight_relvar_mixture.map(|s| s.mean)
+    });
+    row("largest weight, exact", &|e| Some(e.weight_max_exact));
+    row("largest weight, mixture", &|e| e.weight_max_mixture);
+    row("folded share of u", &|e| Some(e.fold_fraction));
+    row("energy not covered", &|e| Some(e.coverage_loss));
+    row("χ² effect against pdf network", &|e| Some(e.chi2_effect.mean));
+    row("evaluation, relative L1", &|e| Some(e.eval_rel_l1.mean));
+    row("∫ pdf dω, mean", &|e| Some(e.pdf_integral.mean));
+    let unsound = |name: &str, bias: &dyn Fn(&StratumErrors) -> Option<Bias>| {
+        for stratum in STRATA {
+            let bias = card.errors.get(stratum).and_then(bias);
+            if bias.is_some_and(|b| !(b.mean_within && b.worst_within)) {
+                output::line(&format!("the {name} estimator is biased in {stratum}: see its card"));
+            }
+        }
+    };
+    unsound("exact", &|e| Some(e.albedo_bias_exact));
+    unsound("exact mixture", &|e| e.albedo_bias_mixture);
+}
+
+/// Says where in a domain with free parameters errors are largest.
+fn print_worst_places(card: &Card) {
+    let labels: Vec<String> = card.domain.free().into_iter().map(|(label, ..)| label).collect();
+    if labels.is_empty() {
+        return;
+    }
+    let at = |place: &PlaceErrors| {
+        let values = labels.iter().zip(&place.params);
+        let values: Vec<String> = values.map(|(label, value)| format!("{label} {value:.3}")).collect();
+        format!("θ {:.1}°, {}", place.wo[0], values.join(", "))
+    };
+    for stratum in STRATA {
+        let places = card.errors.get(stratum).map_or(&[][..], |e| &e.places);
+        for (name, value) in [
+            ("binning L1", (|p| p.binning_l1) as fn(&PlaceErrors) -> f64),
+            ("weight variance, map alone", |p| p.weight_relvar_map),
+        ] {
+            if let Some(worst) = places.iter().max_by(|a, b| value(a).total_cmp(&value(b))) {
+                output::line(&format!("largest {name}: {:.2e} at {}", value(worst), at(worst)));
+            }
+        }
+    }
 }

@@ -83,67 +83,94 @@ mod tests {
     /// Golden ratio's fraction of a full turn between azimuths, and from stratum to stratum, degrees.
     const TURN_DEG: f64 = 360.0 * 0.618_033_988_749_895;
     const OFFSET_DEG: f64 = 360.0 * 0.137;
-    /// Key of the scrambling of shares; training uses another.
+    /// Key of the permutations.
     const KEY: u64 = 0x4e1d_0007;
+    /// Permutations that each dimension is chosen out of.
+    const CANDIDATES: usize = 2000;
+    /// Correlation that is left between two dimensions, or between one and θ.
+    const CORRELATION_MAX: f64 = 0.18;
     /// Rounding of degrees and of shares in the file.
-    const ROUNDING: [f64; 3] = [5.01e-5, 5.01e-4, 5.01e-6];
+    const ROUNDING: [f64; 3] = [5.01e-5, 5.01e-4, 5.01e-7];
 
-    /// (θ, φ) and shares of place `k` of stratum `s`.
-    fn generated(s: usize, k: usize) -> ([f64; 2], [f64; DIMENSIONS]) {
+    /// (θ, φ) of place `k` of stratum `s`.
+    fn angles(s: usize, k: usize) -> [f64; 2] {
         let [low, high] = THETAS[s];
         let theta = low + (high - low) * (k as f64 + 0.5) / PER_STRATUM as f64;
-        let phi = ((s + 1) as f64 * OFFSET_DEG + k as f64 * TURN_DEG) % 360.0;
-        let scramble = (Rng::new(&[KEY, s as u64]).bits() >> 32) as u32;
-        let share = |d: usize| f64::from(sobol_burley::sample(k as u32, d as u32, scramble));
-        ([theta, phi], std::array::from_fn(share))
+        [theta, ((s + 1) as f64 * OFFSET_DEG + k as f64 * TURN_DEG) % 360.0]
+    }
+
+    fn correlation(a: &[usize], b: &[usize]) -> f64 {
+        let n = PER_STRATUM as f64;
+        let centred = |v: usize| v as f64 - 0.5 * (n - 1.0);
+        let sum: f64 = a.iter().zip(b).map(|(a, b)| centred(*a) * centred(*b)).sum();
+        sum / (n * (n * n - 1.0) / 12.0)
+    }
+
+    /// Shares of stratum `s`: a Latin hypercube whose dimensions are chosen one by one for the least correlation with
+    /// those before, of which the first is θ.
+    fn hypercube(s: usize) -> Vec<[f64; DIMENSIONS]> {
+        let mut columns: Vec<Vec<usize>> = vec![(0..PER_STRATUM).collect()];
+        let mut rng = Rng::new(&[KEY, s as u64]);
+        for _ in 0..DIMENSIONS {
+            let candidates = (0..CANDIDATES).map(|_| {
+                let mut column = columns[0].clone();
+                (1..PER_STRATUM).for_each(|i| column.swap(i, (rng.uniform() * (i + 1) as f64) as usize));
+                let largest = columns.iter().map(|c| correlation(c, &column).abs());
+                (largest.fold(0.0, f64::max), column)
+            });
+            let best = candidates.min_by(|a, b| a.0.total_cmp(&b.0));
+            columns.push(best.expect("there are candidates").1);
+        }
+        let share = |k: usize, d: usize| (columns[d + 1][k] as f64 + 0.5) / PER_STRATUM as f64;
+        (0..PER_STRATUM)
+            .map(|k| std::array::from_fn(|d| share(k, d)))
+            .collect()
     }
 
     #[test]
     fn the_file_is_what_its_note_says() {
         let file = file();
         for (s, name) in STRATA.iter().enumerate() {
+            let cube = hypercube(s);
             assert_eq!(
                 (file.wo[*name].len(), file.shares[*name].len()),
                 (PER_STRATUM, PER_STRATUM)
             );
             for k in 0..PER_STRATUM {
-                let (angles, shares) = generated(s, k);
-                for c in 0..2 {
-                    assert!(
-                        (file.wo[*name][k][c] - angles[c]).abs() < ROUNDING[c],
-                        "{name} {k}"
-                    );
+                for (c, angle) in angles(s, k).iter().enumerate() {
+                    assert!((file.wo[*name][k][c] - angle).abs() < ROUNDING[c], "{name} {k}");
                 }
-                for (a, b) in file.shares[*name][k].iter().zip(shares) {
-                    assert!(
-                        (a - b).abs() < ROUNDING[2] && (0.0..1.0).contains(a),
-                        "{name} {k}"
-                    );
+                for (a, b) in file.shares[*name][k].iter().zip(cube[k]) {
+                    assert!((a - b).abs() < ROUNDING[2], "{name} {k}");
                 }
             }
         }
     }
 
-    /// One value in each of 32 equal parts of every dimension, and in each quarter of the square of any two dimensions a
-    /// fair number.
+    /// One value in each of 32 equal parts of every dimension, and no two dimensions go together.
     #[test]
     fn shares_fill_the_cube_evenly() {
+        let order: Vec<usize> = (0..PER_STRATUM).collect();
         for (name, shares) in file().shares {
+            let part = |d: usize| {
+                let parts = shares.iter().map(move |x| (x[d] * PER_STRATUM as f64) as usize);
+                parts.collect::<Vec<_>>()
+            };
             for d in 0..DIMENSIONS {
-                let mut parts: Vec<usize> = shares
-                    .iter()
-                    .map(|x| (x[d] * PER_STRATUM as f64) as usize)
-                    .collect();
-                parts.sort_unstable();
-                assert_eq!(
-                    parts,
-                    (0..PER_STRATUM).collect::<Vec<_>>(),
+                let mut parts = part(d);
+                assert!(
+                    correlation(&parts, &order).abs() < CORRELATION_MAX,
                     "{name}, dimension {d}"
                 );
                 for e in 0..d {
-                    let both = shares.iter().filter(|x| x[d] < 0.5 && x[e] < 0.5).count();
-                    assert!((4..=12).contains(&both), "{name}, dimensions {e} and {d}: {both}");
+                    let found = correlation(&parts, &part(e));
+                    assert!(
+                        found.abs() < CORRELATION_MAX,
+                        "{name}, dimensions {e} and {d}: {found}"
+                    );
                 }
+                parts.sort_unstable();
+                assert_eq!(parts, order, "{name}, dimension {d}");
             }
         }
     }
@@ -185,11 +212,12 @@ mod tests {
     #[test]
     #[ignore = "writes tests/heldout.json"]
     fn regenerate() {
-        let note = "Held-out places, 32 per stratum, never drawn for training (training draws other scramblings of the Sobol \
-            sequence). wo: (theta, phi) in degrees, over all azimuths; theta: midpoints of 32 equal parts of the stratum; phi: \
-            multiples of the golden ratio's fraction of 360, offset per stratum. shares: the first 32 points of an \
-            Owen-scrambled 16-dimensional Sobol sequence per stratum; of a material with n free parameters the first n \
-            numbers of each are carried into its ranges, evenly, or evenly in the square root for alpha.";
+        let note = "Held-out places, 32 per stratum, never drawn for training (training draws scrambled Sobol points). wo: \
+            (theta, phi) in degrees, over all azimuths; theta: midpoints of 32 equal parts of the stratum; phi: multiples of \
+            the golden ratio's fraction of 360, offset per stratum. shares: per stratum a Latin hypercube of 16 dimensions, \
+            midpoints of 32 equal parts in every one, permuted so that no two dimensions, nor any and theta, correlate; of a \
+            material with n free parameters the first n numbers of each are carried into its ranges, evenly, or evenly in \
+            the square root for alpha.";
         let list = |row: &dyn Fn(usize, usize) -> String| {
             let strata = STRATA.iter().enumerate().map(|(s, name)| {
                 let rows: Vec<String> = (0..PER_STRATUM).map(|k| row(s, k)).collect();
@@ -198,13 +226,11 @@ mod tests {
             strata.collect::<Vec<_>>().join(",\n")
         };
         let wo = list(&|s, k| {
-            let ([theta, phi], _) = generated(s, k);
+            let [theta, phi] = angles(s, k);
             format!("[{theta:.4}, {phi:.3}]")
         });
-        let shares = list(&|s, k| {
-            let shares = generated(s, k).1.map(|x| format!("{x:.5}"));
-            format!("[{}]", shares.join(", "))
-        });
+        let cubes = [0, 1, 2].map(hypercube);
+        let shares = list(&|s, k| format!("[{}]", cubes[s][k].map(|x| format!("{x:.6}")).join(", ")));
         let text = format!(
             "{{\n  \"note\": \"{note}\",\n  \"wo\": {{\n{wo}\n  }},\n  \"shares\": {{\n{shares}\n  }}\n}}\n"
         );

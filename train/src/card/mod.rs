@@ -7,12 +7,16 @@ pub mod binned;
 pub mod bins;
 mod cost;
 mod densities;
+#[cfg(test)]
+mod fake;
 pub mod heldout;
 pub mod judgement;
 pub mod measure;
 mod parity;
 mod quadrature;
 mod summary;
+#[cfg(test)]
+mod tests;
 pub mod training;
 pub mod truth;
 mod weights;
