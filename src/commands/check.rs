@@ -20,7 +20,11 @@ pub const CARD_FILE: &str = "card.json";
 pub const QUICK_EVERY: usize = 4;
 
 /// Keys that need onnxruntime.
-const ORT_KEYS: [&str; 3] = ["parity.ort_vs_native_max", "parity.ort_vs_f64_max", "cost.ort_sample_ns"];
+const ORT_KEYS: [&str; 3] = [
+    "parity.ort_vs_native_max",
+    "parity.ort_vs_f64_max",
+    "cost.ort_sample_ns",
+];
 /// Keys that need the exact mixture of two charts.
 const MIXTURE_KEYS: [&str; 5] = [
     "errors.*.albedo_bias_mixture",
@@ -233,7 +237,9 @@ fn print_errors(card: &Card, old: Option<&Card>) {
         for stratum in STRATA {
             let bias = card.errors.get(stratum).and_then(bias);
             if bias.is_some_and(|b| !(b.mean_within && b.worst_within)) {
-                output::line(&format!("the {name} estimator is biased in {stratum}: see its card"));
+                output::line(&format!(
+                    "the {name} estimator is biased in {stratum}: see its card"
+                ));
             }
         }
     };
@@ -249,7 +255,9 @@ fn print_worst_places(card: &Card) {
     }
     let at = |place: &PlaceErrors| {
         let values = labels.iter().zip(&place.params);
-        let values: Vec<String> = values.map(|(label, value)| format!("{label} {value:.3}")).collect();
+        let values: Vec<String> = values
+            .map(|(label, value)| format!("{label} {value:.3}"))
+            .collect();
         format!("θ {:.1}°, {}", place.wo[0], values.join(", "))
     };
     for stratum in STRATA {

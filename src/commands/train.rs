@@ -1,12 +1,12 @@
 //! `bake train`: the networks of one material.
 
 use super::baking::Order;
-use super::{check, find_material};
+use super::{check, find_material, prepare_folder};
 use crate::arguments::TrainOptions;
 use crate::output;
 use crate::progress::Stages;
 use anyhow::{Result, bail};
-use bake_runtime::{Family, Material, Role};
+use bake_runtime::{Material, Role};
 use bake_train::presets::Preset;
 use std::path::PathBuf;
 
@@ -23,8 +23,10 @@ pub fn run(options: &TrainOptions) -> Result<()> {
         Some(folder) => folder.clone(),
         None => PathBuf::from("out/materials").join(model_name(&material.name, options.preset)),
     };
+    let domain = domain(&material, options.preset)?;
+    prepare_folder(&folder)?;
     if !options.json {
-        say_domain(&material, options.preset)?;
+        output::line(&domain);
     }
     let order = Order {
         material: &material,
@@ -58,8 +60,8 @@ fn model_name(material: &str, preset: Preset) -> String {
     }
 }
 
-/// Says how many inputs remain and what that saved.
-fn say_domain(material: &Material, preset: Preset) -> Result<()> {
+/// How many inputs remain, and what that saved.
+fn domain(material: &Material, preset: Preset) -> Result<String> {
     let free = material.free();
     let names: Vec<&str> = free.iter().map(|(name, ..)| name.as_str()).collect();
     let macs = |m: &Material| preset.spec(Role::Sample, m).map(|spec| spec.macs());
@@ -72,20 +74,15 @@ fn say_domain(material: &Material, preset: Preset) -> Result<()> {
             names.join(", ")
         ),
     };
-    output::line(&format!(
-        "{} ({}, {preset} preset): {what}",
+    let widest = material.widest();
+    let fixed = widest.free().len() - free.len();
+    Ok(format!(
+        "{} ({}, {preset} preset): {what}\n{fixed} parameters are fixed and left the network: {own} multiply-adds per \
+         sample instead of {}",
         material.name,
-        material.family.name()
-    ));
-    if material.family != Family::Imported {
-        let widest = material.widest();
-        let fixed = widest.free().len() - free.len();
-        let all = macs(&widest)?;
-        output::line(&format!(
-            "{fixed} parameters are fixed and left the network: {own} multiply-adds per sample instead of {all}"
-        ));
-    }
-    Ok(())
+        material.family.name(),
+        macs(&widest)?
+    ))
 }
 
 /// The command that repeats this training.
