@@ -4,7 +4,7 @@
 //! Sztrajman et al. have a network predict the lobe of a material. Here the exponent and the share of the lobe are fitted to
 //! every slice by itself, by least squares: no network that predicts them can do better by that measure.
 
-use super::SliceSampler;
+use super::KnownDensity;
 use crate::lobes::{LUMINANCE, Lobe, LobeSlice, direction_at};
 use crate::spline::{edge_cell_centre, edge_cell_weight};
 use bake_runtime::chart::Chart;
@@ -130,7 +130,7 @@ impl BlinnPhong {
     }
 }
 
-impl SliceSampler for BlinnPhong {
+impl KnownDensity for BlinnPhong {
     fn sample(&self, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
         let wi = if u < self.share {
             let u = u / self.share;

@@ -1,52 +1,23 @@
 //! What a sampler of one slice is compared by, with the definitions of the model card.
 
-use super::SliceSampler;
-use crate::card::binned::BinnedSlice;
-use crate::card::bins::l1;
+use super::{Drawn, SliceSampler};
+use crate::card::batch::BATCH;
+use crate::card::bins::{SIDE, l1};
+use crate::card::judgement::relative;
 use crate::card::measure::BINNING_POINTS;
 use crate::card::truth::Truth;
+use crate::error::Result;
 use crate::lobes::LUMINANCE;
-use crate::transport::measure::count;
-use bake_runtime::conductor::Conductor;
+use bake_runtime::bsdf::shifted_r2;
+use bake_runtime::estimator::exact_weight;
 use bake_runtime::moments::Moments;
-use bake_runtime::{Bsdf, Estimate, Rng};
+use bake_runtime::{Estimate, Reference, Rng};
 use glam::DVec3;
-use rayon::prelude::*;
-use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Random points behind bias and variance, and those of them that one task draws.
+/// Random points behind bias and variance.
 const EXACT_POINTS: u64 = 1 << 18;
-const BLOCK: u64 = 1 << 14;
 /// Key of the random points.
 const KEY: u64 = 0xc0de;
-
-/// The slice that samplers are held against.
-#[derive(Clone, Copy)]
-pub struct Target<'a> {
-    /// The reference model.
-    pub bsdf: &'a dyn Bsdf,
-    /// Camera direction.
-    pub wo: DVec3,
-    /// The slice in bins.
-    pub binned: &'a BinnedSlice<'a>,
-    /// Directional albedo, RGB.
-    pub albedo: Estimate,
-}
-
-impl<'a> Target<'a> {
-    /// The slice of a conductor that `truth` was measured of.
-    pub fn of_conductor(bsdf: &'a Conductor, truth: &'a Truth<'a>) -> Target<'a> {
-        Target {
-            bsdf,
-            wo: truth.wo,
-            binned: &truth.binned,
-            albedo: Estimate {
-                mean: truth.albedo,
-                se: truth.albedo_se,
-            },
-        }
-    }
-}
 
 /// The errors of a sampler on one slice.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,104 +28,129 @@ pub struct Errors {
     pub binning_floor: f64,
     /// Share of u that gives no direction.
     pub lost: f64,
-    /// Variance over squared mean of the luminance of f_cos / pdf; the noise of a stochastic reference is no part of it.
+    /// Variance over squared mean of the luminance weight, on f_cos without noise: of the sampler alone.
     pub weight_relvar: f64,
-    /// Largest luminance weight found; the noise of a stochastic reference is part of it.
+    /// Largest luminance weight found, on f_cos without noise.
     pub weight_max: f64,
-    /// Mean weight over albedo − 1, RGB.
-    pub albedo_bias: DVec3,
-    /// Its standard error, with that of the albedo.
-    pub albedo_bias_se: DVec3,
+    /// Mean weight with f_cos of the reference itself over the true albedo − 1, RGB, with the standard error of both.
+    pub albedo_bias: Estimate,
 }
 
-/// Measures `sampler`; `seed` tells slices apart.
-pub fn measure(sampler: &dyn SliceSampler, target: &Target, seed: u64) -> Errors {
-    let (binning_l1, lost) = binning(sampler, target.binned);
-    let weights = weights(sampler, target, seed);
-    let Estimate { mean, se } = weights.moments.estimate();
-    let albedo = target.albedo;
-    let square = weights.square / EXACT_POINTS as f64;
-    let both = [0, 1, 2].map(|c: usize| se[c].hypot(albedo.se[c]));
-    Errors {
-        binning_l1,
-        binning_floor: target.binned.floor(BINNING_POINTS),
-        lost,
-        weight_relvar: square / mean.dot(LUMINANCE).powi(2) - 1.0,
+/// Measures `sampler` on the slice of `reference` that `truth` was measured of; `seed` tells slices apart.
+///
+/// # Errors
+/// What `sampler` returns.
+pub fn measure(
+    sampler: &mut dyn SliceSampler,
+    reference: &Reference,
+    truth: &Truth,
+    seed: u64,
+) -> Result<Errors> {
+    let Histogram { counts, lost } = histogram(sampler, truth, BINNING_POINTS)?;
+    let weights = weights(sampler, reference, truth, seed)?;
+    let mass: Vec<f64> = truth.binned.mass.iter().copied().chain([0.0]).collect();
+    Ok(Errors {
+        binning_l1: l1(&[&counts[..], &[lost]].concat(), &mass),
+        binning_floor: truth.binned.floor(BINNING_POINTS),
+        lost: lost as f64 / BINNING_POINTS as f64,
+        weight_relvar: weights.relvar(),
         weight_max: weights.max,
-        albedo_bias: mean / albedo.mean - DVec3::ONE,
-        albedo_bias_se: DVec3::from_array(both) / albedo.mean,
-    }
+        albedo_bias: relative(weights.exact.estimate(), truth.albedo),
+    })
 }
 
-/// Binning L1 over R2 points, and the share of them that is lost.
-fn binning(sampler: &dyn SliceSampler, slice: &BinnedSlice) -> (f64, f64) {
-    let lost = AtomicU64::new(0);
-    let mut counts = count(BINNING_POINTS, |u| match sampler.sample(u) {
-        Some((wi, _)) => slice.bins.index(wi),
-        None => {
-            lost.fetch_add(1, Ordering::Relaxed);
-            0
+/// Samples in bins.
+pub(super) struct Histogram {
+    /// In every bin of the truth.
+    pub counts: Vec<u64>,
+    /// Without a direction.
+    pub lost: u64,
+}
+
+/// Counts `points` R2 points, a multiple of [`BATCH`], in the bins of `truth`.
+pub(super) fn histogram(sampler: &mut dyn SliceSampler, truth: &Truth, points: u64) -> Result<Histogram> {
+    let mut histogram = Histogram {
+        counts: vec![0; SIDE * SIDE],
+        lost: 0,
+    };
+    let mut drawn = vec![None; BATCH];
+    for first in (0..points).step_by(BATCH) {
+        let u: Vec<[f64; 2]> = (first..first + BATCH as u64)
+            .map(|i| shifted_r2(i, [0.0; 2]))
+            .collect();
+        sampler.draw(&u, &mut drawn)?;
+        for drawn in &drawn {
+            match drawn {
+                Some(Drawn { wi, .. }) => histogram.counts[truth.binned.bins.index(*wi)] += 1,
+                None => histogram.lost += 1,
+            }
         }
-    });
-    let lost = lost.into_inner();
-    counts[0] -= lost;
-    counts.push(lost);
-    let mass: Vec<f64> = slice.mass.iter().copied().chain([0.0]).collect();
-    (l1(&counts, &mass), lost as f64 / BINNING_POINTS as f64)
+    }
+    Ok(histogram)
 }
 
 /// Weights of random points.
 #[derive(Default)]
 struct Weights {
-    moments: Moments,
-    /// Sum of squared luminance weights, without the reference's noise.
-    square: f64,
+    /// With f_cos of the reference, RGB.
+    exact: Moments,
+    /// Sums of luminance weights without noise and of their squares.
+    sum: f64,
+    squares: f64,
     max: f64,
 }
 
-fn weights(sampler: &dyn SliceSampler, target: &Target, seed: u64) -> Weights {
-    let block = |block: u64| {
-        let mut weights = Weights::default();
-        let mut rng = Rng::new(&[KEY, seed, block]);
-        for _ in 0..BLOCK {
-            let Some((wi, pdf)) = sampler.sample(rng.pair()) else {
-                weights.moments.add(DVec3::ZERO);
-                continue;
-            };
-            // The product of two independent estimates has the square of the truth as its mean.
-            let mut eval = || target.bsdf.eval(target.wo, wi, &mut rng) / pdf;
-            let first = eval();
-            let second = if target.bsdf.is_stochastic() {
-                eval()
-            } else {
-                first
-            };
-            let mean = 0.5 * (first + second);
-            weights.moments.add(mean);
-            weights.square += first.dot(LUMINANCE) * second.dot(LUMINANCE);
-            weights.max = weights.max.max(mean.dot(LUMINANCE));
+impl Weights {
+    fn add(&mut self, exact: DVec3, without_noise: f64) {
+        self.exact.add(exact);
+        self.sum += without_noise;
+        self.squares += without_noise * without_noise;
+        self.max = self.max.max(without_noise);
+    }
+
+    /// Variance over squared mean.
+    fn relvar(&self) -> f64 {
+        let mean = self.sum / EXACT_POINTS as f64;
+        self.squares / EXACT_POINTS as f64 / (mean * mean).max(f64::MIN_POSITIVE) - 1.0
+    }
+}
+
+fn weights(
+    sampler: &mut dyn SliceSampler,
+    reference: &Reference,
+    truth: &Truth,
+    seed: u64,
+) -> Result<Weights> {
+    let mut weights = Weights::default();
+    let mut rng = Rng::new(&[KEY, seed]);
+    let mut walks = Rng::new(&[KEY, seed, 1]);
+    let mut drawn = vec![None; BATCH];
+    for _ in (0..EXACT_POINTS).step_by(BATCH) {
+        let u: Vec<[f64; 2]> = (0..BATCH).map(|_| rng.pair()).collect();
+        sampler.draw(&u, &mut drawn)?;
+        for drawn in &drawn {
+            match *drawn {
+                Some(Drawn { wi, jacobian }) => weights.add(
+                    exact_weight(reference, truth.wo, wi, jacobian, &mut walks),
+                    truth.f_cos(wi).dot(LUMINANCE) * jacobian,
+                ),
+                None => weights.add(DVec3::ZERO, 0.0),
+            }
         }
-        weights
-    };
-    let blocks: Vec<Weights> = (0..EXACT_POINTS / BLOCK).into_par_iter().map(block).collect();
-    blocks
-        .into_iter()
-        .reduce(|a, b| Weights {
-            moments: a.moments.merged(b.moments),
-            square: a.square + b.square,
-            max: a.max.max(b.max),
-        })
-        .unwrap_or_default()
+    }
+    Ok(weights)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::card::bins::Bins;
+    use crate::comparators::KnownDensity;
     use crate::comparators::blinn_phong::BlinnPhong;
     use crate::lobes::direction_at;
     use crate::spline::{edge_cell_centre, edge_cell_weight};
     use bake_runtime::bsdf::direction;
+    use bake_runtime::conductor::Conductor;
 
     /// Standard errors allowed: three comparisons exceed it by chance once in 50 000 runs.
     const SIGMAS: f64 = 4.5;
@@ -165,20 +161,25 @@ mod tests {
     /// Binning L1 between the sampler's density and the slice by midpoints, and by samples.
     const BINNING_TOL: f64 = 5e-3;
 
+    fn metal() -> Reference {
+        let conductor = Conductor::new([0.6, 0.5], [0.9, 0.5, 0.2]);
+        Reference::Conductor(conductor.expect("valid parameters"))
+    }
+
     #[test]
     fn errors_of_a_cosine_lobe_are_those_of_quadrature() {
-        let bsdf = Conductor::new([0.6, 0.5], [0.9, 0.5, 0.2]).expect("valid parameters");
+        let bsdf = metal();
         let wo = direction(30.0, 20.0);
         let truth = Truth::new(&bsdf, wo).expect("a bright slice");
-        let cosine = BlinnPhong {
+        let mut cosine = BlinnPhong {
             wo,
             exponent: 1.0,
             share: 0.0,
         };
-        let found = measure(&cosine, &Target::of_conductor(&bsdf, &truth), 0);
+        let found = measure(&mut cosine, &bsdf, &truth, 0).expect("it knows its density");
         assert_eq!(found.lost, 0.0);
         for c in 0..3 {
-            let sigma = found.albedo_bias[c] / found.albedo_bias_se[c];
+            let sigma = found.albedo_bias.mean[c] / found.albedo_bias.se[c];
             assert!(sigma.abs() < SIGMAS, "{found:?}");
         }
         let (mut square, mut mean) = (0.0, 0.0);
@@ -211,7 +212,7 @@ mod tests {
     #[test]
     fn lost_samples_count() {
         struct Half(BlinnPhong);
-        impl SliceSampler for Half {
+        impl KnownDensity for Half {
             fn sample(&self, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
                 let (wi, pdf) = self.0.sample([2.0 * u % 1.0, v])?;
                 (u < 0.5).then_some((wi, 0.5 * pdf))
@@ -220,18 +221,18 @@ mod tests {
                 0.5 * self.0.pdf(wi)
             }
         }
-        let bsdf = Conductor::new([0.6, 0.5], [0.9, 0.5, 0.2]).expect("valid parameters");
+        let bsdf = metal();
         let wo = direction(30.0, 20.0);
         let truth = Truth::new(&bsdf, wo).expect("a bright slice");
-        let half = Half(BlinnPhong {
+        let mut half = Half(BlinnPhong {
             wo,
             exponent: 1.0,
             share: 0.0,
         });
-        let found = measure(&half, &Target::of_conductor(&bsdf, &truth), 0);
+        let found = measure(&mut half, &bsdf, &truth, 0).expect("it knows its density");
         assert!((found.lost - 0.5).abs() < BINNING_TOL, "{found:?}");
         assert!(found.binning_l1 > 0.5 + found.lost - BINNING_TOL, "{found:?}");
-        let sigma = found.albedo_bias / found.albedo_bias_se;
+        let sigma = found.albedo_bias.mean / found.albedo_bias.se;
         assert!(sigma.abs().max_element() < SIGMAS, "{found:?}");
     }
 }

@@ -1,24 +1,61 @@
-//! Rival samplers of BSDF slices, to be measured beside the baked networks on the same slices: a normalising flow as
-//! Xie et al. 2019 use it, and the analytic lobe of Sztrajman et al. 2021.
+//! Samplers of BSDF slices side by side on the same slices: baked materials, a normalising flow as Xie et al. 2019 use it,
+//! and the analytic lobe of Sztrajman et al. 2021.
 //!
-//! Both know their density exactly, so with weights f_cos / pdf of the reference model both are unbiased; what they are
-//! compared by is where their samples fall, the variance of these weights, and what they cost.
+//! All of them give a factor that makes f_cos of the reference model a weight. Flow and lobe know their density exactly, so
+//! these weights are unbiased; what samplers are compared by is where their samples fall, the variance of the weights, and
+//! what they cost.
 
+pub mod baked;
 pub mod blinn_phong;
+pub mod figure;
 pub mod measure;
 pub mod realnvp;
+pub mod standings;
 
+use crate::error::Result;
 use glam::DVec3;
 
+/// One direction drawn by a [`SliceSampler`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drawn {
+    /// Unit vector to the light, z > 0.
+    pub wi: DVec3,
+    /// What f_cos at `wi` is multiplied by for the weight, sr: 1 / density where the sampler knows that, else the signed
+    /// `jacobian` of [`bake_runtime::Backend::sample_jacobian`].
+    pub jacobian: f64,
+}
+
 /// A sampler of one slice: parameters and `wo` are bound.
-pub trait SliceSampler: Sync {
-    /// Direction for `u` in `[0,1)²`, unit, above the horizon, with its [`SliceSampler::pdf`]; `None` where the sampler
-    /// sends `u` below the horizon, which counts as a weight of zero.
+pub trait SliceSampler {
+    /// Draws a direction for each of `u`, in `[0,1)²`, into the same place of `drawn`, which is as long; `None` where the
+    /// sampler sends `u` below the horizon, which counts as a weight of zero.
+    ///
+    /// # Errors
+    /// What runs the sampler may fail.
+    fn draw(&mut self, u: &[[f64; 2]], drawn: &mut [Option<Drawn>]) -> Result<()>;
+}
+
+/// A sampler of one slice that knows how densely it draws.
+pub trait KnownDensity {
+    /// Direction for `u` in `[0,1)²`, unit, above the horizon, with its [`KnownDensity::pdf`]; `None` as in
+    /// [`SliceSampler::draw`].
     fn sample(&self, u: [f64; 2]) -> Option<(DVec3, f64)>;
 
-    /// Density of what [`SliceSampler::sample`] returns at the unit vector `wi`, sr⁻¹: zero below the horizon; its integral
+    /// Density of what [`KnownDensity::sample`] returns at the unit vector `wi`, sr⁻¹: zero below the horizon; its integral
     /// over the hemisphere is the share of `u` that gives a direction.
     fn pdf(&self, wi: DVec3) -> f64;
+}
+
+impl<T: KnownDensity> SliceSampler for T {
+    fn draw(&mut self, u: &[[f64; 2]], drawn: &mut [Option<Drawn>]) -> Result<()> {
+        for (u, drawn) in u.iter().zip(drawn) {
+            *drawn = self.sample(*u).map(|(wi, pdf)| Drawn {
+                wi,
+                jacobian: 1.0 / pdf,
+            });
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]
@@ -44,9 +81,9 @@ pub(crate) mod tests {
     /// Binning L1 of an exact sampler: the discrepancy of 2²⁰ points over some hundred bins.
     const BINNING_TOL: f64 = 1e-2;
 
-    /// Holds a sampler to the contract of [`SliceSampler`]; the quadrature is over the plane of [`plane`], where densities
+    /// Holds a sampler to the contract of [`KnownDensity`]; the quadrature is over the plane of [`plane`], where densities
     /// are smooth at the horizon.
-    pub fn assert_samples_follow_pdf(sampler: &dyn SliceSampler) {
+    pub fn assert_samples_follow_pdf(sampler: &(impl KnownDensity + Sync)) {
         let mut lost = 0;
         for i in 0..SAMPLES {
             match sampler.sample(shifted_r2(i, [0.0; 2])) {

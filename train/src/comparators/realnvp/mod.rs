@@ -18,7 +18,7 @@ pub mod condition;
 pub mod plane;
 pub mod training;
 
-use super::SliceSampler;
+use super::KnownDensity;
 use crate::nn::bias_silu::fast_exp;
 use bake_runtime::network::Dense;
 use condition::{Condition, Fold};
@@ -123,7 +123,7 @@ impl BoundFlow {
     }
 }
 
-impl SliceSampler for BoundFlow {
+impl KnownDensity for BoundFlow {
     fn sample(&self, u: [f64; 2]) -> Option<(DVec3, f64)> {
         let z = plane::gaussian(u);
         let (x, log_det) = self.forward(z);
@@ -205,7 +205,7 @@ impl BoundNet {
 mod tests {
     use super::*;
     use crate::comparators::tests::assert_samples_follow_pdf;
-    use crate::nn::mlp::Mlp;
+    use crate::training::mlp::Mlp;
     use bake_runtime::bsdf::direction;
     use bake_runtime::{Family, Material, Rng};
 
@@ -219,8 +219,8 @@ mod tests {
         let condition = Condition::new(&material);
         let mut rng = Rng::new(&[0xf1]);
         let coupling = |_| {
-            let mlp = Mlp::random(&shapes(condition.width()), &mut rng).expect("layers");
-            let mut layers: [Dense; 3] = mlp.to_dense().expect("plain data").try_into().expect("three");
+            let mlp = Mlp::random(&shapes(condition.width()), &mut rng);
+            let mut layers: [Dense; 3] = mlp.to_dense().try_into().expect("three");
             layers[2].weight.iter_mut().for_each(|w| *w *= BEND);
             layers
         };

@@ -3,43 +3,43 @@
 use super::condition::{Condition, Fold};
 use super::{LOG_SCALE_MAX, RealNvp, plane, roles, shapes};
 use crate::Tick;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::maps::MappedSlice;
-use crate::nn::mlp::Mlp;
-use crate::optimiser::Optimiser;
-use crate::training::trainer::SHARDS;
+use crate::nn;
+use crate::optimiser::{Block, Rule, layout};
+use crate::training::mlp::Mlp;
+use crate::training::run::{HeldOut, Plan, Run};
+use crate::training::schedule::Schedule;
 use crate::transport::frame_map::FrameMap;
 use bake_runtime::network::Dense;
 use bake_runtime::{Material, Rng};
 use candle_core::{Device, Tensor, Var};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
+use std::path::Path;
+use std::time::Instant;
 
 /// Key of initial weights and of batches.
 const KEY: u64 = 0xf10f;
+/// Name of the stage: part of the names of checkpoint and learning curve.
+pub const STAGE: &str = "flow";
+/// Samples per step.
+pub const BATCH: usize = 4096;
+/// Parts of a batch that run side by side; a fixed number, so that sums do not depend on threads. Their largest tensors
+/// then stay below the 65 536 elements from which candle hands element-wise work to its own threads.
+const SHARDS: usize = 8;
 /// Peak learning rate. On the vase, three couplings and 1000 steps: binning L1 at 45° is 0.095, 0.089, 0.079 and 0.077 with
 /// 2e-3, 4e-3, 1e-2 and 2e-2, the last with weights above 150.
 const RATE: f64 = 1e-2;
-/// Steps over which the rate rises from 0.
-const WARM_UP_STEPS: f64 = 50.0;
+/// Steps whose time is measured, of which the median counts.
+const TIMED_STEPS: u64 = 9;
 
 /// What a flow learns from.
 pub struct FlowSet {
     condition: Condition,
     /// Per slice: its map, where its directions are folded to, its features.
     slices: Vec<(FrameMap, Fold, Vec<f32>)>,
-}
-
-/// How long a flow is trained.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Budget {
-    /// Number of steps.
-    pub steps: u64,
-    /// Samples per step.
-    pub batch: usize,
-    /// Seed of initial weights and of batches.
-    pub seed: u64,
 }
 
 impl FlowSet {
@@ -84,12 +84,17 @@ impl FlowSet {
     }
 }
 
-/// A flow under training: the network of each coupling, from the Gaussian to the slice.
-struct Flow(Vec<Mlp>);
+/// A flow in candle's operations: the network of each coupling, from the Gaussian to the slice.
+struct Flow(Vec<nn::mlp::Mlp>);
 
 impl Flow {
-    fn vars(&self) -> Vec<&Var> {
-        self.0.iter().flat_map(Mlp::vars).collect()
+    fn new(couplings: &[[Dense; 3]]) -> candle_core::Result<Flow> {
+        let nets = couplings.iter().map(|layers| nn::mlp::Mlp::from_dense(layers));
+        nets.collect::<candle_core::Result<_>>().map(Flow)
+    }
+
+    fn vars(&self) -> impl Iterator<Item = &Var> {
+        self.0.iter().flat_map(|net| net.vars())
     }
 
     /// Ln of the density at `points` `[B, 2]` of the plane under `features` `[B, F]`: `[B]`.
@@ -109,91 +114,159 @@ impl Flow {
         ((squares - log_det)? - TAU.ln())?.squeeze(1)
     }
 
-    /// The flow with plain weights.
-    fn trained(&self, condition: &Condition) -> Result<RealNvp> {
-        let dense = |mlp: &Mlp| -> candle_core::Result<[Dense; 3]> {
-            let layers: std::result::Result<[Dense; 3], Vec<Dense>> = mlp.to_dense()?.try_into();
-            Ok(layers.expect("as many layers as shapes"))
-        };
-        Ok(RealNvp {
-            condition: condition.clone(),
-            couplings: self.0.iter().map(dense).collect::<candle_core::Result<_>>()?,
-        })
-    }
-
-    /// Mean negative log-density over a shard, and its gradient by every variable.
-    fn gradients(&self, points: &Tensor, features: &Tensor) -> Result<(f64, Vec<Vec<f32>>)> {
+    /// Mean negative log-density, and its gradient by all variables one after another.
+    fn gradient(&self, points: &Tensor, features: &Tensor) -> Result<(f64, Vec<f32>)> {
         let loss = self.log_density(points, features)?.mean_all()?.neg()?;
         let store = loss.backward()?;
-        let gradient = |var: &Var| match store.get(var) {
-            Some(g) => g.flatten_all()?.to_vec1::<f32>(),
-            None => Ok(vec![0.0; var.elem_count()]),
-        };
-        let all = self
-            .vars()
-            .into_iter()
-            .map(gradient)
-            .collect::<candle_core::Result<_>>()?;
-        Ok((f64::from(loss.to_scalar::<f32>()?), all))
+        let mut gradient = Vec::new();
+        for var in self.vars() {
+            match store.get(var) {
+                Some(g) => gradient.extend(g.flatten_all()?.to_vec1::<f32>()?),
+                None => gradient.resize(gradient.len() + var.elem_count(), 0.0),
+            }
+        }
+        Ok((f64::from(loss.to_scalar::<f32>()?), gradient))
     }
 }
 
-/// Trains a flow of `couplings` couplings; [`super::couplings_of`] gives their number for a number of parameters.
-///
-/// The result depends on the arguments alone, not on the number of threads.
-///
-/// # Errors
-/// [`Error::Interrupted`] when `tick` breaks, [`Error::Density`] when the likelihood is not finite.
-pub fn train(set: &FlowSet, couplings: usize, budget: Budget, tick: Tick) -> Result<RealNvp> {
-    // candle would split every product over all cores; the shards already use them.
-    gemm::set_threading_threshold(usize::MAX);
-    let mut rng = Rng::new(&[KEY, budget.seed]);
-    let nets = (0..couplings).map(|_| Mlp::random(&shapes(set.features()), &mut rng));
-    let flow = Flow(nets.collect::<candle_core::Result<_>>()?);
-    let parameters = flow.vars().into_iter().enumerate().map(|(i, var)| {
-        let shape = (var.dim(0)?, var.dims().get(1).copied().unwrap_or(1));
-        // Weight, bias, weight, bias, weight, bias: the second weight of each network is the hidden one.
-        Ok((shape, var.flatten_all()?.to_vec1::<f32>()?, i % 6 == 2))
-    });
-    let mut optimiser = Optimiser::new(parameters.collect::<candle_core::Result<_>>()?);
-    for step in 0..budget.steps {
-        if tick(step, budget.steps).is_break() {
-            return Err(Error::Interrupted);
-        }
+/// A flow under training: the networks of its couplings lie one after another in one vector.
+struct Course<'a> {
+    set: &'a FlowSet,
+    couplings: usize,
+    batch: usize,
+    seed: u64,
+}
+
+impl Course<'_> {
+    fn layers(&self) -> [(usize, usize); 3] {
+        shapes(self.set.features())
+    }
+
+    fn start(&self) -> Vec<f32> {
+        let mut rng = Rng::new(&[KEY, self.seed]);
+        let nets = (0..self.couplings).map(|_| Mlp::random(&self.layers(), &mut rng).values);
+        nets.collect::<Vec<_>>().concat()
+    }
+
+    fn blocks(&self) -> Vec<Block> {
+        let own = layout(&self.layers());
+        let size = own.last().map_or(0, |block| block.range().end);
+        let of = |coupling: usize| {
+            own.iter().map(move |block| Block {
+                offset: block.offset + coupling * size,
+                ..*block
+            })
+        };
+        (0..self.couplings).flat_map(of).collect()
+    }
+
+    /// The layers of every coupling.
+    fn dense(&self, values: &[f32]) -> Vec<[Dense; 3]> {
+        let net = |values: &[f32]| {
+            let mlp = Mlp {
+                layers: self.layers().to_vec(),
+                values: values.to_vec(),
+            };
+            let layers: std::result::Result<[Dense; 3], _> = mlp.to_dense().try_into();
+            layers.unwrap_or_else(|_| unreachable!("as many layers as shapes"))
+        };
+        let size = values.len() / self.couplings;
+        values.chunks_exact(size).map(net).collect()
+    }
+
+    /// Fills in the gradient at `values` for the batch of `step`, and gives the loss.
+    fn slope(&self, step: u64, values: &[f32], gradient: &mut [f32]) -> Result<f64> {
+        let flow = Flow::new(&self.dense(values))?;
         let shard = |shard: usize| {
-            let mut rng = Rng::new(&[KEY, budget.seed, 1 + step, shard as u64]);
-            let (points, features) = set.draw(budget.batch / SHARDS, &mut rng)?;
-            flow.gradients(&points, &features)
+            let mut rng = Rng::new(&[KEY, self.seed, 1 + step, shard as u64]);
+            let (points, features) = self.set.draw(self.batch / SHARDS, &mut rng)?;
+            flow.gradient(&points, &features)
         };
         let shards = (0..SHARDS)
             .into_par_iter()
             .map(shard)
             .collect::<Result<Vec<_>>>()?;
-        let loss = shards.iter().map(|(loss, _)| loss).sum::<f64>() / SHARDS as f64;
-        if !loss.is_finite() {
-            return Err(Error::Density {
-                reason: format!("the log-likelihood of the flow is {} at step {step}", -loss),
-            });
+        for (_, part) in &shards {
+            let pairs = gradient.iter_mut().zip(part);
+            pairs.for_each(|(sum, part)| *sum += part / SHARDS as f32);
         }
-        let mut total = shards[0].1.clone();
-        for (_, part) in &shards[1..] {
-            for (sum, part) in total.iter_mut().zip(part) {
-                sum.iter_mut().zip(part).for_each(|(s, g)| *s += g);
-            }
-        }
-        total.iter_mut().flatten().for_each(|g| *g /= SHARDS as f32);
-        optimiser.descend(&total, rate(step, budget.steps));
-        for (var, parameter) in flow.vars().into_iter().zip(&optimiser.parameters) {
-            var.set(&Tensor::from_slice(&parameter.value, var.shape(), var.device())?)?;
-        }
+        Ok(shards.iter().map(|(loss, _)| loss).sum::<f64>() / SHARDS as f64)
     }
-    flow.trained(&set.condition)
 }
 
-/// Learning rate of a step: a short rise, then a cosine to zero.
-fn rate(step: u64, steps: u64) -> f32 {
-    let cosine = 0.5 * (1.0 + (PI * step as f64 / steps as f64).cos());
-    (RATE * cosine * ((step + 1) as f64 / WARM_UP_STEPS).min(1.0)) as f32
+/// How a flow is trained in `steps` steps.
+pub fn plan(steps: u64, seed: u64) -> Plan {
+    Plan {
+        stage: STAGE,
+        steps,
+        batch: BATCH,
+        rate: RATE,
+        schedule: Schedule::WarmUpCosine,
+        rule: Rule::Muon,
+        seed,
+    }
+}
+
+/// candle would split every product over all cores; the shards already use them.
+fn keep_products_on_their_thread() {
+    gemm::set_threading_threshold(usize::MAX);
+}
+
+/// Seconds that one step of a flow of `couplings` couplings takes here and now.
+///
+/// # Errors
+/// As [`train`].
+pub fn step_seconds(set: &FlowSet, couplings: usize) -> Result<f64> {
+    keep_products_on_their_thread();
+    let course = Course {
+        set,
+        couplings,
+        batch: BATCH,
+        seed: 0,
+    };
+    let values = course.start();
+    let mut gradient = vec![0.0; values.len()];
+    let mut seconds = Vec::new();
+    for step in 0..=TIMED_STEPS {
+        let started = Instant::now();
+        course.slope(step, &values, &mut gradient)?;
+        seconds.push(started.elapsed().as_secs_f64());
+    }
+    // The first one finds caches cold.
+    let timed = &mut seconds[1..];
+    timed.sort_by(f64::total_cmp);
+    Ok(timed[timed.len() / 2])
+}
+
+/// Trains a flow of `couplings` couplings; [`super::couplings_of`] gives their number for a number of parameters.
+///
+/// Checkpoint and learning curve lie in `folder`; what lies there of the same plan and `context` (a text that names
+/// what `set` was made of) is taken up. The result depends on the arguments alone, not on the number of threads.
+///
+/// # Errors
+/// As [`Run::new`] and [`Run::descend`].
+pub fn train(
+    set: &FlowSet,
+    couplings: usize,
+    plan: Plan,
+    folder: &Path,
+    context: &str,
+    tick: Tick,
+) -> Result<RealNvp> {
+    keep_products_on_their_thread();
+    let course = Course {
+        set,
+        couplings,
+        batch: plan.batch,
+        seed: plan.seed,
+    };
+    let run = Run::new(plan, course.blocks(), course.start(), folder, context)?;
+    let slope = |step: u64, values: &[f32], gradient: &mut [f32]| course.slope(step, values, gradient);
+    let values = run.descend(slope, HeldOut::NONE, tick)?;
+    Ok(RealNvp {
+        condition: set.condition.clone(),
+        couplings: course.dense(&values),
+    })
 }
 
 #[cfg(test)]
@@ -201,9 +274,10 @@ mod tests {
     use super::super::tests::random_flow;
     use super::*;
     use crate::card::truth::Truth;
-    use crate::comparators::measure::{Target, measure};
+    use crate::comparators::measure::measure;
+    use crate::error::Error;
     use crate::maps::{self, Charts, Job};
-    use crate::{database, transport::Solver};
+    use crate::{database, places, transport::Solver};
     use bake_runtime::Family;
     use bake_runtime::bsdf::direction;
     use glam::DVec2;
@@ -211,6 +285,8 @@ mod tests {
 
     /// f32 through four couplings, relative to logarithms of a few units.
     const LOG_DENSITY_TOL: f64 = 2e-5;
+    /// Differences with step 1e-2 of a loss in f32.
+    const SLOPE_TOL: f64 = 2e-2;
     /// What 150 steps of 1024 samples on eight slices reach on another slice: 0.20; untrained 1.38.
     const TRAINED_L1: f64 = 0.3;
 
@@ -221,7 +297,7 @@ mod tests {
 
     fn set(material: &Material, count: usize) -> FlowSet {
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
-        let places = maps::draw_directions(count);
+        let places = places::draw(material, count, 1);
         let job = Job {
             material,
             places: &places,
@@ -239,8 +315,7 @@ mod tests {
     #[test]
     fn plain_rust_computes_what_candle_does() {
         let flow = random_flow();
-        let nets = flow.couplings.iter().map(|layers| Mlp::from_dense(layers));
-        let trained = Flow(nets.collect::<candle_core::Result<_>>().expect("plain data"));
+        let trained = Flow::new(&flow.couplings).expect("plain data");
         let mut rng = Rng::new(&[0xca]);
         for _ in 0..200 {
             let wo = direction(89.0 * rng.uniform(), 90.0 * rng.uniform());
@@ -260,24 +335,19 @@ mod tests {
                 "{found} {expected}"
             );
         }
-        assert_eq!(trained.trained(&flow.condition).expect("plain data"), flow);
     }
 
     #[test]
     fn training_lowers_the_binning_error() {
         let material = vase();
         let set = set(&material, 8);
-        let bsdf = material.conductor().expect("fixed parameters");
+        let bsdf = material.reference().expect("fixed parameters");
         let truth = Truth::new(&bsdf, direction(50.0, 120.0)).expect("a bright slice");
-        let target = Target::of_conductor(&bsdf, &truth);
         let after = |steps: u64| {
-            let budget = Budget {
-                steps,
-                batch: 1024,
-                seed: 1,
-            };
-            let flow = train(&set, 3, budget, &|_, _| ControlFlow::Continue(())).expect("finite");
-            measure(&flow.bind(&[], truth.wo), &target, 0).binning_l1
+            let flow = trained(&set, 3, short(steps, 1024, 1)).expect("finite");
+            let mut bound = flow.bind(&[], truth.wo);
+            let errors = measure(&mut bound, &bsdf, &truth, 0).expect("it knows its density");
+            errors.binning_l1
         };
         let (before, after) = (after(0), after(150));
         assert!(
@@ -286,27 +356,81 @@ mod tests {
         );
     }
 
+    fn short(steps: u64, batch: usize, seed: u64) -> Plan {
+        Plan {
+            batch,
+            ..plan(steps, seed)
+        }
+    }
+
+    fn trained(set: &FlowSet, couplings: usize, plan: Plan) -> Result<RealNvp> {
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let go_on: Tick = &|_, _| ControlFlow::Continue(());
+        train(set, couplings, plan, folder.path(), "", go_on)
+    }
+
     #[test]
-    fn threads_do_not_change_the_flow_and_ticks_can_stop_it() {
+    fn threads_and_interruptions_do_not_change_the_flow() {
         let set = set(&vase(), 2);
-        let budget = Budget {
-            steps: 3,
-            batch: 256,
-            seed: 5,
-        };
         let with = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .expect("threads");
-            pool.install(|| train(&set, 2, budget, &|_, _| ControlFlow::Continue(())))
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            let pool = pool.expect("threads");
+            pool.install(|| trained(&set, 2, short(4, 256, 5)))
                 .expect("finite")
         };
-        assert_eq!(with(1), with(2));
-        let stopped = train(&set, 2, budget, &|done, _| match done {
-            1 => ControlFlow::Break(()),
+        let whole = with(1);
+        assert_eq!(whole, with(2));
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let part = |tick: Tick| train(&set, 2, short(4, 256, 5), folder.path(), "", tick);
+        let stopped = part(&|done, _| match done {
+            2 => ControlFlow::Break(()),
             _ => ControlFlow::Continue(()),
         });
         assert!(matches!(stopped, Err(Error::Interrupted)));
+        let resumed = part(&|done, _| {
+            assert!(done >= 2, "it began anew");
+            ControlFlow::Continue(())
+        });
+        assert_eq!(resumed.expect("finite"), whole);
+    }
+
+    /// The oracle: differences of the loss.
+    #[test]
+    fn the_gradient_is_that_of_the_loss_tensor_by_tensor() {
+        let set = set(&vase(), 2);
+        let course = Course {
+            set: &set,
+            couplings: 2,
+            batch: 256,
+            seed: 3,
+        };
+        let values = course.start();
+        let blocks = course.blocks();
+        assert_eq!(blocks.last().map(|b| b.range().end), Some(values.len()));
+        let mut gradient = vec![0.0; values.len()];
+        course.slope(0, &values, &mut gradient).expect("plain data");
+        let h = 1e-2;
+        for block in blocks {
+            let at = |side: f32| {
+                let mut moved = values.clone();
+                // Along the gradient of the block itself, whose derivative is its length.
+                let length = length(&gradient[block.range()]);
+                for k in block.range() {
+                    moved[k] += side * h * gradient[k] / length;
+                }
+                let mut unused = vec![0.0; values.len()];
+                course.slope(0, &moved, &mut unused).expect("plain data")
+            };
+            let found = (at(1.0) - at(-1.0)) / f64::from(2.0 * h);
+            let expected = f64::from(length(&gradient[block.range()]));
+            assert!(
+                (found - expected).abs() < SLOPE_TOL * (expected + 1e-2),
+                "{block:?}: {found} {expected}"
+            );
+        }
+    }
+
+    fn length(v: &[f32]) -> f32 {
+        v.iter().map(|x| x * x).sum::<f32>().sqrt()
     }
 }
