@@ -2,7 +2,7 @@
 //! held-out places that training never saw.
 
 mod albedo;
-mod batch;
+pub(crate) mod batch;
 pub mod binned;
 pub mod bins;
 mod cost;
