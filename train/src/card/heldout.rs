@@ -136,11 +136,11 @@ mod tests {
                 (file.wo[*name].len(), file.shares[*name].len()),
                 (PER_STRATUM, PER_STRATUM)
             );
-            for k in 0..PER_STRATUM {
+            for (k, corner) in cube.into_iter().enumerate() {
                 for (c, angle) in angles(s, k).iter().enumerate() {
                     assert!((file.wo[*name][k][c] - angle).abs() < ROUNDING[c], "{name} {k}");
                 }
-                for (a, b) in file.shares[*name][k].iter().zip(cube[k]) {
+                for (a, b) in file.shares[*name][k].iter().zip(corner) {
                     assert!((a - b).abs() < ROUNDING[2], "{name} {k}");
                 }
             }
