@@ -104,10 +104,11 @@ impl<S: Simd, const N: usize, const K: usize> Task for Tile<'_, S, N, K> {
                 }
             }
             if *role == Role::Pdf && frames.charts() == CHARTS_MAX {
-                for q in 0..N {
+                let [first, second] = &mut density;
+                for (q, (first, second)) in first.iter_mut().zip(second).enumerate() {
                     let share = place.share(q);
-                    density[0][q] = density[0][q] * share;
-                    density[1][q] = density[1][q] * (share.splat(1.0) - share);
+                    *first = *first * share;
+                    *second = *second * (share.splat(1.0) - share);
                 }
             }
         }

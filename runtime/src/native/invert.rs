@@ -106,7 +106,7 @@ impl<S: Simd, const N: usize> Task for Tile<'_, '_, S, N> {
             values.input()[0] = [zero; N];
             scalars.encode(simd, &shift.other_inputs, values.input());
             let sums = values.sums::<Values>(&shift.others);
-            for q in 0..N {
+            for (q, part) in self.parts[c].iter_mut().enumerate() {
                 let w = [wi[0][q], wi[1][q], wi[2][q]];
                 let (local, density) = place.chart(frames, c, q).to_local(w);
                 let (h, rest) = hemisphere_to_square(local);
@@ -121,7 +121,7 @@ impl<S: Simd, const N: usize> Task for Tile<'_, '_, S, N> {
                     (CHARTS_MAX, _) => one - place.share(q),
                     _ => one,
                 };
-                self.parts[c][q] = share * Vector::select(open, density, exact);
+                *part = share * Vector::select(open, density, exact);
                 self.inversions.add(validity, open);
             }
         }
@@ -263,15 +263,11 @@ impl<S: Simd, const N: usize> Task for ExactPdf<'_, S, N> {
             let mut place = Place::read(self.simd, program, self.points, start, values);
             let mut wi = read_directions(self.simd, self.wi, start);
             place.cameras.fold_lights(&mut wi);
-            let parts = self.sampler.invert(self.simd, &place, &wi, self.inversions);
-            for q in 0..N {
-                let value = parts[0][q] + parts[1][q];
-                write(
-                    finite_or_zero(value, place.cameras.validity[q]),
-                    self.pdf,
-                    start,
-                    q,
-                );
+            let [first, second] = self.sampler.invert(self.simd, &place, &wi, self.inversions);
+            let validity = place.cameras.validity;
+            for (q, (first, second)) in first.into_iter().zip(second).enumerate() {
+                let value = finite_or_zero(first + second, validity[q]);
+                write(value, self.pdf, start, q);
             }
         }
     }
