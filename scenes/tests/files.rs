@@ -84,8 +84,8 @@ fn the_wide_domains_load() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("materials");
     for (name, family, free) in [
         ("conductor", Family::Conductor, 5),
-        ("layered", Family::Layered, 9),
-        ("principled", Family::Principled, 6),
+        ("layered", Family::Layered, 6),
+        ("principled", Family::Principled, 5),
     ] {
         let path = folder.join(name).with_extension("toml");
         let material = load_material(&path).unwrap();

@@ -207,34 +207,4 @@ mod tests {
         let error = places(&table).expect_err("17 are too many").to_string();
         assert!(error.contains("17") && error.contains("p16"), "{error}");
     }
-
-    /// Writes the file anew: `cargo test -p bake-train --release heldout -- --ignored`.
-    #[test]
-    #[ignore = "writes tests/heldout.json"]
-    fn regenerate() {
-        let note = "Held-out places, 32 per stratum, never drawn for training (training draws scrambled Sobol points). wo: \
-            (theta, phi) in degrees, over all azimuths; theta: midpoints of 32 equal parts of the stratum; phi: multiples of \
-            the golden ratio's fraction of 360, offset per stratum. shares: per stratum a Latin hypercube of 16 dimensions, \
-            midpoints of 32 equal parts in every one, permuted so that no two dimensions, nor any and theta, correlate; of a \
-            material with n free parameters the first n numbers of each are carried into its ranges, evenly, or evenly in \
-            the square root for alpha.";
-        let list = |row: &dyn Fn(usize, usize) -> String| {
-            let strata = STRATA.iter().enumerate().map(|(s, name)| {
-                let rows: Vec<String> = (0..PER_STRATUM).map(|k| row(s, k)).collect();
-                format!("    \"{name}\": [\n      {}\n    ]", rows.join(",\n      "))
-            });
-            strata.collect::<Vec<_>>().join(",\n")
-        };
-        let wo = list(&|s, k| {
-            let [theta, phi] = angles(s, k);
-            format!("[{theta:.4}, {phi:.3}]")
-        });
-        let cubes = [0, 1, 2].map(hypercube);
-        let shares = list(&|s, k| format!("[{}]", cubes[s][k].map(|x| format!("{x:.6}")).join(", ")));
-        let text = format!(
-            "{{\n  \"note\": \"{note}\",\n  \"wo\": {{\n{wo}\n  }},\n  \"shares\": {{\n{shares}\n  }}\n}}\n"
-        );
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/heldout.json");
-        std::fs::write(path, text).expect("the repository can be written");
-    }
 }
