@@ -224,7 +224,8 @@ impl<S: Simd> Backward<'_, S> {
         for column in (0..self.columns).rev() {
             for query in (0..self.queries).step_by(R) {
                 let first = column * self.queries + query;
-                let sums: [[S::Vector; N]; R] = block_of_rows(zero, [zero; N], self.left, first, weights);
+                let sums: [[S::Vector; N]; R] =
+                    block_of_rows(zero, [zero; N], self.left, first, weights);
                 let mut total = [zero; N];
                 for (r, sums) in sums.into_iter().enumerate() {
                     let place = (query + r) * width + at;
