@@ -39,6 +39,18 @@ pub enum Command {
     Train(TrainOptions),
     /// Measure the errors of a baked material afresh, beside its model card.
     Check(CheckOptions),
+    /// Hold a baked material against other samplers: a normalising flow and an analytic lobe.
+    ///
+    /// RealNVP (Dinh et al. 2016, as Xie et al. 2019 use it) is trained here, with about as many parameters as the sampling
+    /// network of MODEL and for about as long as that was; a cosine and a Blinn–Phong lobe (Sztrajman et al. 2021) are fitted
+    /// to every slice. All are measured at the held-out places of the model card; rivals.png shows one slice as each draws
+    /// it.
+    ///
+    /// The number of steps of the flow follows from the time that a step takes here and now; `--steps` repeats a run
+    /// exactly. Ctrl-C leaves checkpoints that `--resume` takes up.
+    ///
+    /// bake rivals out/materials/vase --paper out/materials/vase-paper
+    Rivals(RivalsOptions),
     /// Write the ONNX files beside the safetensors files of a baked material.
     Export(ExportOptions),
     /// Render a scene with one method.
@@ -171,6 +183,37 @@ pub struct CheckOptions {
     /// Folder of a baked material, e.g. scenes/materials/vase.
     pub model: PathBuf,
     /// Print the model card, measured afresh, as one JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `bake rivals`.
+#[derive(Debug, Args)]
+pub struct RivalsOptions {
+    /// Folder of a baked material.
+    pub model: PathBuf,
+    /// Folder of the same material baked with `--preset paper`, to be measured beside it.
+    #[arg(long, value_name = "MODEL")]
+    pub paper: Option<PathBuf>,
+    /// Train the flow for about this many seconds [default: as long as the sampling network of MODEL was trained].
+    #[arg(long, conflicts_with = "steps", value_parser = positive_seconds)]
+    pub seconds: Option<f64>,
+    /// Train the flow for this many steps instead.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    pub steps: Option<u64>,
+    /// Measure every fourth held-out place only.
+    #[arg(long)]
+    pub quick: bool,
+    /// Where table, picture and checkpoints go [default: out/rivals/NAME].
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Seed of the flow and of what it learns from.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Go on from the checkpoints of an interrupted run, with its number of steps and its seed.
+    #[arg(long, conflicts_with_all = ["steps", "seconds"])]
+    pub resume: bool,
+    /// Print the table as one JSON object on standard output.
     #[arg(long)]
     pub json: bool,
 }

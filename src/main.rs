@@ -67,6 +67,7 @@ fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Scene(options) => commands::scene::run(&options),
         Command::Train(options) => commands::train::run(&options),
         Command::Check(options) => commands::check::run(&options),
+        Command::Rivals(options) => commands::rivals::run(&options),
         Command::Export(options) => commands::export::run(&options),
         Command::Query(options) => commands::query::run(&options),
         Command::Maps(options) => commands::maps::run(&options),

@@ -68,7 +68,8 @@ pub fn run(options: &CheckOptions) -> Result<()> {
     Ok(())
 }
 
-fn read_card(path: &Path) -> Result<Option<Card>> {
+/// Reads the card at `path`; `None` where there is no file.
+pub fn read_card(path: &Path) -> Result<Option<Card>> {
     if !path.exists() {
         return Ok(None);
     }

@@ -9,6 +9,7 @@ pub mod maps;
 pub mod material;
 pub mod query;
 pub mod render;
+pub mod rivals;
 pub mod scene;
 pub mod train;
 
