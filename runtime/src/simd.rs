@@ -9,7 +9,7 @@ use crate::native::arch;
 
 pub use crate::native::Tier;
 pub use crate::native::math::{exp, ln, sigmoid, sin_cos};
-pub use crate::native::vector::{Simd, Task, Vector};
+pub use crate::native::vector::{Several, Simd, Task, Vector};
 
 /// A job written over any tier's vectors.
 pub trait TierTask {

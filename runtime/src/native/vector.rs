@@ -107,3 +107,115 @@ pub trait Vector:
         self.mul_add(a, self.splat(b))
     }
 }
+
+/// `N` vectors in step, as one of `N` times the lanes: processors start an operation on the next vector while
+/// they wait for that on the last, which hides the latency of long formulas.
+///
+/// Loops are spelled out: closures within the standard library's would not be compiled for the tier.
+#[derive(Clone, Copy)]
+pub struct Several<V, const N: usize>([V; N]);
+
+impl<V: Vector, const N: usize> Several<V, N> {
+    /// `vector`, `N` times.
+    #[inline(always)]
+    pub fn repeat(vector: V) -> Self {
+        Several([vector; N])
+    }
+}
+
+/// Implements methods and operators vector by vector.
+macro_rules! in_step {
+    ($($method:ident($($other:ident),*))*) => {$(
+        #[inline(always)]
+        fn $method(mut self $(, $other: Self)*) -> Self {
+            for i in 0..N {
+                self.0[i] = self.0[i].$method($($other.0[i]),*);
+            }
+            self
+        }
+    )*};
+    ($($trait:ident: $method:ident($($other:ident)?);)*) => {$(
+        impl<V: Vector, const N: usize> $trait for Several<V, N> {
+            type Output = Self;
+            in_step! { $method($($other)?) }
+        }
+    )*};
+}
+in_step! {
+    Add: add(other);
+    Sub: sub(other);
+    Mul: mul(other);
+    Div: div(other);
+    Neg: neg();
+}
+
+impl<V: Vector, const N: usize> Vector for Several<V, N> {
+    const LANES: usize = N * V::LANES;
+    type Mask = [V::Mask; N];
+    type Array = [V::Array; N];
+
+    in_step! { mul_add(a, b) min(other) max(other) sqrt() abs() reciprocal() scale_exponent(rounded) }
+
+    #[inline(always)]
+    fn arrays(numbers: &[f32]) -> &[[V::Array; N]] {
+        V::arrays(numbers).as_chunks().0
+    }
+
+    #[inline(always)]
+    fn arrays_mut(numbers: &mut [f32]) -> &mut [[V::Array; N]] {
+        V::arrays_mut(numbers).as_chunks_mut().0
+    }
+
+    #[inline(always)]
+    fn load(mut self, source: &[V::Array; N]) -> Self {
+        for i in 0..N {
+            self.0[i] = self.0[i].load(&source[i]);
+        }
+        self
+    }
+
+    #[inline(always)]
+    fn write(self, out: &mut [V::Array; N]) {
+        for i in 0..N {
+            self.0[i].write(&mut out[i]);
+        }
+    }
+
+    #[inline(always)]
+    fn splat(self, value: f32) -> Self {
+        Several([self.0[0].splat(value); N])
+    }
+
+    #[inline(always)]
+    fn store(self, out: &mut [f32]) {
+        for (i, out) in out.chunks_mut(V::LANES).take(N).enumerate() {
+            self.0[i].store(out);
+        }
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> [V::Mask; N] {
+        let mut masks = [self.0[0].less(other.0[0]); N];
+        for i in 1..N {
+            masks[i] = self.0[i].less(other.0[i]);
+        }
+        masks
+    }
+
+    #[inline(always)]
+    fn select(mask: [V::Mask; N], yes: Self, mut no: Self) -> Self {
+        for i in 0..N {
+            no.0[i] = V::select(mask[i], yes.0[i], no.0[i]);
+        }
+        no
+    }
+
+    #[inline(always)]
+    fn split_exponent(self) -> (Self, Self) {
+        let (mut exponents, mut mantissas) = (self, self);
+        for i in 0..N {
+            (exponents.0[i], mantissas.0[i]) = self.0[i].split_exponent();
+        }
+        (exponents, mantissas)
+    }
+}

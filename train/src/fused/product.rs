@@ -6,7 +6,7 @@
 //! rule through the activation going back, the sum over tiles for the weights.
 
 use super::activation::Activation;
-use bake_runtime::simd::{Simd, Task, Vector};
+use bake_runtime::simd::{Several, Simd, Task, Vector};
 use std::marker::PhantomData;
 
 /// Rows of a block of [`panel`] vectors: its sums, a row of B and a scalar of A fill the registers.
@@ -29,13 +29,17 @@ pub const fn padded(width: usize, lanes: usize) -> usize {
     width.next_multiple_of(if lanes > PAD { lanes } else { PAD })
 }
 
-/// Calls `$self.$method::<R, N>($at)` for each panel of `$width` vectors, where N is the panel's width, R the
-/// rows of its blocks and `$at` its first vector.
+/// A row of a block.
+type Wide<S, const N: usize> = Several<<S as Simd>::Vector, N>;
+
+/// Calls `$self.$method::<R, N>($at)` for each panel of `$width` numbers, where N is the panel's width in
+/// vectors, R the rows of its blocks and `$at` its first number.
 macro_rules! for_panels {
     ($vector:ty, $width:expr, $self:ident . $method:ident) => {
+        let lanes = <$vector>::LANES;
         let width: usize = $width;
-        for at in (0..width).step_by(panel(<$vector>::LANES)) {
-            match (panel(<$vector>::LANES), width - at) {
+        for at in (0..width).step_by(panel(lanes) * lanes) {
+            match (panel(lanes), (width - at) / lanes) {
                 (4, 4..) => $self.$method::<WIDE_ROWS, 4>(at),
                 (4, 3) => $self.$method::<WIDE_ROWS, 3>(at),
                 (4, 2) => $self.$method::<ROWS, 2>(at),
@@ -46,36 +50,29 @@ macro_rules! for_panels {
     };
 }
 
-/// Adds (R scalars)ᵀ·(N vectors) to `sums`.
+/// The vector's numbers from `start`.
 #[inline(always)]
-fn add_product<V: Vector, const R: usize, const N: usize>(
-    sums: &mut [[V; N]; R],
-    zero: V,
-    left: impl Fn(usize) -> f32,
-    right: &[V::Array; N],
-) {
-    let mut vectors = [zero; N];
-    for (vector, right) in vectors.iter_mut().zip(right) {
-        *vector = zero.load(right);
-    }
-    for (r, sums) in sums.iter_mut().enumerate() {
-        let left = zero.splat(left(r));
-        for (sum, vector) in sums.iter_mut().zip(&vectors) {
-            *sum = left.mul_add(*vector, *sum);
-        }
+fn piece<V: Vector>(numbers: &[f32], start: usize) -> &V::Array {
+    &V::arrays(&numbers[start..])[0]
+}
+
+/// The same to be written.
+#[inline(always)]
+fn piece_mut<V: Vector>(numbers: &mut [f32], start: usize) -> &mut V::Array {
+    &mut V::arrays_mut(&mut numbers[start..])[0]
+}
+
+/// Adds R scalars times the vector `right` to `sums`.
+#[inline(always)]
+fn add_product<V: Vector, const R: usize>(sums: &mut [V; R], left: impl Fn(usize) -> f32, right: V) {
+    for (r, sum) in sums.iter_mut().enumerate() {
+        *sum = right.splat(left(r)).mul_add(right, *sum);
     }
 }
 
 /// The product of R rows of `left` from row `at` and of the rows of `right`, added to `first` in every row.
 #[inline(always)]
-fn block_of_rows<V: Vector, const R: usize, const N: usize>(
-    zero: V,
-    first: [V; N],
-    left: Rows,
-    at: usize,
-    right: &[V::Array],
-) -> [[V; N]; R] {
-    let right = right.as_chunks::<N>().0;
+fn block_of_rows<V: Vector, const R: usize>(first: V, left: Rows, at: usize, right: &[V::Array]) -> [V; R] {
     // All of one length, so that no index needs a look at the bounds.
     let mut rows: [&[f32]; R] = [&[]; R];
     for (r, row) in rows.iter_mut().enumerate() {
@@ -83,7 +80,7 @@ fn block_of_rows<V: Vector, const R: usize, const N: usize>(
     }
     let mut sums = [first; R];
     for (k, right) in right.iter().enumerate() {
-        add_product(&mut sums, zero, |r| rows[r][k], right);
+        add_product(&mut sums, |r| rows[r][k], first.load(right));
     }
     sums
 }
@@ -124,59 +121,37 @@ pub struct Forward<'a, S: Simd, A> {
 impl<S: Simd, A: Activation> Forward<'_, S, A> {
     #[inline(always)]
     fn panel<const R: usize, const N: usize>(&mut self, at: usize) {
-        let zero = self.simd.splat(0.0);
-        let width = self.bias.len() / S::Vector::LANES;
-        let depth = self.weights.len() / self.bias.len();
-        let weights = &S::Vector::arrays(self.weights)[at * depth..(at + N) * depth];
-        let bias = &S::Vector::arrays(self.bias)[at..at + N];
-        let out = S::Vector::arrays_mut(self.out);
-        let slope = S::Vector::arrays_mut(self.slope);
-        let bend = S::Vector::arrays_mut(self.bend);
-        let turn = S::Vector::arrays_mut(self.turn);
+        let zero = Wide::<S, N>::repeat(self.simd.splat(0.0));
+        let width = self.bias.len();
+        let depth = self.weights.len() / width;
+        let weights = &Wide::<S, N>::arrays(&self.weights[at * depth..])[..depth];
         let bent = A::CURVED && self.columns > 1;
         for column in 0..self.columns {
             for query in (0..self.queries).step_by(R) {
+                let start = match column {
+                    0 => zero.load(piece::<Wide<S, N>>(self.bias, at)),
+                    _ => zero,
+                };
                 let first = column * self.queries + query;
-                let mut start = [zero; N];
-                if column == 0 {
-                    for (start, bias) in start.iter_mut().zip(bias) {
-                        *start = zero.load(bias);
-                    }
-                }
-                let sums: [[S::Vector; N]; R] = block_of_rows(zero, start, self.left, first, weights);
-                for (r, sums) in sums.into_iter().enumerate() {
-                    let out = &mut out[(first + r) * width + at..][..N];
+                let sums: [_; R] = block_of_rows(start, self.left, first, weights);
+                for (r, &z) in sums.iter().enumerate() {
+                    let out = piece_mut::<Wide<S, N>>(self.out, (first + r) * width + at);
                     let place = (query + r) * width + at;
                     if !A::HIDDEN {
-                        for i in 0..N {
-                            sums[i].write(&mut out[i]);
-                        }
+                        z.write(out);
                     } else if column > 0 {
-                        let slope = &slope[place..][..N];
-                        for i in 0..N {
-                            (sums[i] * zero.load(&slope[i])).write(&mut out[i]);
-                        }
-                        if A::CURVED {
-                            let bend = &bend[place..][..N];
-                            let turn = &mut turn[(column - 1) * self.queries * width + place..][..N];
-                            for i in 0..N {
-                                (sums[i] * zero.load(&bend[i])).write(&mut turn[i]);
-                            }
-                        }
-                    } else if bent {
-                        let (slope, bend) = (&mut slope[place..][..N], &mut bend[place..][..N]);
-                        for i in 0..N {
-                            let [value, first, second] = A::at(sums[i]);
-                            value.write(&mut out[i]);
-                            first.write(&mut slope[i]);
-                            second.write(&mut bend[i]);
+                        (z * zero.load(piece::<Wide<S, N>>(self.slope, place))).write(out);
+                        if bent {
+                            let bend = zero.load(piece::<Wide<S, N>>(self.bend, place));
+                            let place = (column - 1) * self.queries * width + place;
+                            (z * bend).write(piece_mut::<Wide<S, N>>(self.turn, place));
                         }
                     } else {
-                        let slope = &mut slope[place..][..N];
-                        for i in 0..N {
-                            let [value, first, _] = A::at(sums[i]);
-                            value.write(&mut out[i]);
-                            first.write(&mut slope[i]);
+                        let [value, slope, bend] = A::at(z);
+                        value.write(out);
+                        slope.write(piece_mut::<Wide<S, N>>(self.slope, place));
+                        if bent {
+                            bend.write(piece_mut::<Wide<S, N>>(self.bend, place));
                         }
                     }
                 }
@@ -188,7 +163,7 @@ impl<S: Simd, A: Activation> Forward<'_, S, A> {
 impl<S: Simd, A: Activation> Task for Forward<'_, S, A> {
     #[inline(always)]
     fn run(mut self) {
-        for_panels!(S::Vector, self.bias.len() / S::Vector::LANES, self.panel);
+        for_panels!(S::Vector, self.bias.len(), self.panel);
     }
 }
 
@@ -215,54 +190,42 @@ pub struct Backward<'a, S: Simd> {
 impl<S: Simd> Backward<'_, S> {
     #[inline(always)]
     fn panel<const R: usize, const N: usize>(&mut self, at: usize) {
-        let zero = self.simd.splat(0.0);
-        let width = self.bias.len() / S::Vector::LANES;
-        let depth = self.weights.len() / self.bias.len();
-        let weights = &S::Vector::arrays(self.weights)[at * depth..(at + N) * depth];
-        let slope = S::Vector::arrays(self.slope);
-        let turn = S::Vector::arrays(self.turn);
-        let out = S::Vector::arrays_mut(self.out);
-        let bias = &mut S::Vector::arrays_mut(self.bias)[at..at + N];
-        let curved = self.columns > 1 && !turn.is_empty();
+        let zero = Wide::<S, N>::repeat(self.simd.splat(0.0));
+        let width = self.bias.len();
+        let depth = self.weights.len() / width;
+        let weights = &Wide::<S, N>::arrays(&self.weights[at * depth..])[..depth];
+        let curved = self.columns > 1 && !self.turn.is_empty();
         // The values come last: they gather what the tangents leave in their place.
         for column in (0..self.columns).rev() {
             for query in (0..self.queries).step_by(R) {
                 let first = column * self.queries + query;
-                let sums: [[S::Vector; N]; R] = block_of_rows(zero, [zero; N], self.left, first, weights);
-                let mut total = [zero; N];
-                for (r, sums) in sums.into_iter().enumerate() {
+                let sums: [_; R] = block_of_rows(zero, self.left, first, weights);
+                let mut total = zero;
+                for (r, &adjoint) in sums.iter().enumerate() {
                     let place = (query + r) * width + at;
-                    let slope = &slope[place..][..N];
-                    if column > 0 {
-                        if curved {
-                            let turn = &turn[(column - 1) * self.queries * width + place..][..N];
-                            let out = &mut out[place..][..N];
-                            for i in 0..N {
-                                let before = match column + 1 == self.columns {
-                                    true => zero,
-                                    false => zero.load(&out[i]),
-                                };
-                                sums[i].mul_add(zero.load(&turn[i]), before).write(&mut out[i]);
-                            }
-                        }
-                        let out = &mut out[(first + r) * width + at..][..N];
-                        for i in 0..N {
-                            (sums[i] * zero.load(&slope[i])).write(&mut out[i]);
-                        }
-                    } else {
-                        let out = &mut out[place..][..N];
-                        for i in 0..N {
-                            let before = if curved { zero.load(&out[i]) } else { zero };
-                            let value = sums[i].mul_add(zero.load(&slope[i]), before);
-                            value.write(&mut out[i]);
-                            total[i] = total[i] + value;
-                        }
+                    let slope = zero.load(piece::<Wide<S, N>>(self.slope, place));
+                    let mut gathered = zero;
+                    if curved && column + 1 < self.columns {
+                        gathered = zero.load(piece::<Wide<S, N>>(self.out, place));
                     }
+                    if column == 0 {
+                        let value = adjoint.mul_add(slope, gathered);
+                        value.write(piece_mut::<Wide<S, N>>(self.out, place));
+                        total = total + value;
+                        continue;
+                    }
+                    if curved {
+                        let turn = (column - 1) * self.queries * width + place;
+                        let turn = zero.load(piece::<Wide<S, N>>(self.turn, turn));
+                        let gathered = adjoint.mul_add(turn, gathered);
+                        gathered.write(piece_mut::<Wide<S, N>>(self.out, place));
+                    }
+                    let out = piece_mut::<Wide<S, N>>(self.out, (first + r) * width + at);
+                    (adjoint * slope).write(out);
                 }
                 if column == 0 {
-                    for (bias, total) in bias.iter_mut().zip(total) {
-                        (zero.load(bias) + total).write(bias);
-                    }
+                    let bias = piece_mut::<Wide<S, N>>(self.bias, at);
+                    (zero.load(bias) + total).write(bias);
                 }
             }
         }
@@ -272,7 +235,7 @@ impl<S: Simd> Backward<'_, S> {
 impl<S: Simd> Task for Backward<'_, S> {
     #[inline(always)]
     fn run(mut self) {
-        for_panels!(S::Vector, self.bias.len() / S::Vector::LANES, self.panel);
+        for_panels!(S::Vector, self.bias.len(), self.panel);
     }
 }
 
@@ -308,30 +271,23 @@ impl<S: Simd> Weights<'_, S> {
 
     #[inline(always)]
     fn rows<const R: usize, const N: usize>(&mut self, output: usize, at: usize) {
-        let zero = self.simd.splat(0.0);
-        let width = self.right.stride / S::Vector::LANES;
-        let gradient = S::Vector::arrays_mut(self.gradient);
-        let mut sums = [[zero; N]; R];
-        for (r, sums) in sums.iter_mut().enumerate() {
-            let gradient = &gradient[(output + r) * width + at..][..N];
-            for (sum, gradient) in sums.iter_mut().zip(gradient) {
-                *sum = zero.load(gradient);
-            }
+        let zero = Wide::<S, N>::repeat(self.simd.splat(0.0));
+        let width = self.right.stride;
+        let mut sums = [zero; R];
+        for (r, sum) in sums.iter_mut().enumerate() {
+            let place = (output + r) * width + at;
+            *sum = zero.load(piece::<Wide<S, N>>(self.gradient, place));
         }
         let left = self.left.numbers.chunks_exact(self.left.stride);
-        let right = S::Vector::arrays(self.right.numbers).chunks_exact(width);
-        for (left, right) in left.zip(right) {
-            let left = left[output..].first_chunk::<R>();
-            let right = right[at..].first_chunk::<N>();
-            if let (Some(left), Some(right)) = (left, right) {
-                add_product(&mut sums, zero, |r| left[r], right);
+        for (left, right) in left.zip(self.right.numbers.chunks_exact(width)) {
+            if let Some(left) = left[output..].first_chunk::<R>() {
+                let right = zero.load(piece::<Wide<S, N>>(right, at));
+                add_product(&mut sums, |r| left[r], right);
             }
         }
-        for (r, sums) in sums.into_iter().enumerate() {
-            let gradient = &mut gradient[(output + r) * width + at..][..N];
-            for (sum, gradient) in sums.into_iter().zip(gradient) {
-                sum.write(gradient);
-            }
+        for (r, sum) in sums.iter().enumerate() {
+            let place = (output + r) * width + at;
+            sum.write(piece_mut::<Wide<S, N>>(self.gradient, place));
         }
     }
 }
@@ -339,6 +295,6 @@ impl<S: Simd> Weights<'_, S> {
 impl<S: Simd> Task for Weights<'_, S> {
     #[inline(always)]
     fn run(mut self) {
-        for_panels!(S::Vector, self.right.stride / S::Vector::LANES, self.panel);
+        for_panels!(S::Vector, self.right.stride, self.panel);
     }
 }
