@@ -68,6 +68,7 @@ fn enter<S: Simd, T: TierTask>(simd: Option<S>, task: T) -> Option<T::Out> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::native::vector::ROUND;
 
     /// Doubles whole vectors through arrays, and the rest through slices.
     struct Double<'a>(&'a mut [f32]);
@@ -100,6 +101,78 @@ mod tests {
             };
             assert_eq!(tier.dispatch(Double(&mut numbers)).ok(), Some(37 / lanes));
             assert!(numbers.iter().enumerate().all(|(i, &n)| n == 2.0 * i as f32));
+        }
+    }
+
+    /// Numbers of both signs and many sizes, none of them 0.
+    fn numbers(shift: f32) -> Vec<f32> {
+        (0..48)
+            .map(|i| (i as f32 - 20.5) * 1.37f32.powi(i - 24) + shift)
+            .collect()
+    }
+
+    /// All that vectors can do, written for any of them: results one after the other.
+    struct Everything;
+
+    impl Everything {
+        #[inline(always)]
+        fn of<V: Vector>(zero: V) -> Vec<Vec<f32>> {
+            let (a, b) = (numbers(0.25), numbers(-3.0));
+            let mut results = vec![vec![0.0; a.len()]; 20];
+            for (i, (a, b)) in V::arrays(&a).iter().zip(V::arrays(&b)).enumerate() {
+                let (a, b) = (zero.load(a), zero.load(b));
+                let size = a.abs() + a.splat(1.0);
+                let (exponent, mantissa) = size.split_exponent();
+                let all = [
+                    a + b,
+                    a - b,
+                    a * b,
+                    a / b,
+                    -a,
+                    a.mul_add(b, a),
+                    a.mul_add_const(b, 2.0),
+                    a.min(b),
+                    a.max(b),
+                    a.clamp(-1.0, 2.0),
+                    a.abs(),
+                    size.sqrt(),
+                    size.reciprocal(),
+                    V::select(a.less(b), a, size),
+                    size.scale_exponent(a.splat(ROUND + 3.0)),
+                    exponent,
+                    mantissa,
+                    sigmoid(a),
+                    ln(size),
+                ];
+                for (result, value) in results.iter_mut().zip(all) {
+                    value.write(&mut V::arrays_mut(result)[i]);
+                }
+                a.store(&mut results[19][i * V::LANES..]);
+            }
+            results
+        }
+    }
+
+    impl TierTask for Everything {
+        type Out = [Vec<Vec<f32>>; 2];
+
+        #[inline(always)]
+        fn run<S: Simd>(self, simd: S) -> [Vec<Vec<f32>>; 2] {
+            let zero = simd.splat(0.0);
+            [
+                Everything::of(zero),
+                Everything::of(Several::<S::Vector, 3>::repeat(zero)),
+            ]
+        }
+    }
+
+    #[test]
+    fn vectors_in_step_do_what_each_does_alone() {
+        for tier in Tier::available() {
+            let [alone, in_step] = tier.dispatch(Everything).expect("an available tier");
+            assert!(alone.iter().flatten().all(|value| value.is_finite()));
+            assert_eq!(alone, in_step, "{tier:?}");
+            assert_eq!(alone[19], numbers(0.25));
         }
     }
 }

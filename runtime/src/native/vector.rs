@@ -168,16 +168,16 @@ impl<V: Vector, const N: usize> Vector for Several<V, N> {
 
     #[inline(always)]
     fn load(mut self, source: &[V::Array; N]) -> Self {
-        for i in 0..N {
-            self.0[i] = self.0[i].load(&source[i]);
+        for (vector, source) in self.0.iter_mut().zip(source) {
+            *vector = vector.load(source);
         }
         self
     }
 
     #[inline(always)]
     fn write(self, out: &mut [V::Array; N]) {
-        for i in 0..N {
-            self.0[i].write(&mut out[i]);
+        for (vector, out) in self.0.iter().zip(out) {
+            vector.write(out);
         }
     }
 
@@ -196,16 +196,16 @@ impl<V: Vector, const N: usize> Vector for Several<V, N> {
     #[inline(always)]
     fn less(self, other: Self) -> [V::Mask; N] {
         let mut masks = [self.0[0].less(other.0[0]); N];
-        for i in 1..N {
-            masks[i] = self.0[i].less(other.0[i]);
+        for (mask, (vector, other)) in masks.iter_mut().zip(self.0.iter().zip(&other.0)) {
+            *mask = vector.less(*other);
         }
         masks
     }
 
     #[inline(always)]
     fn select(mask: [V::Mask; N], yes: Self, mut no: Self) -> Self {
-        for i in 0..N {
-            no.0[i] = V::select(mask[i], yes.0[i], no.0[i]);
+        for (mask, (yes, no)) in mask.iter().zip(yes.0.iter().zip(&mut no.0)) {
+            *no = V::select(*mask, *yes, *no);
         }
         no
     }

@@ -28,15 +28,17 @@ use aligned::Aligned;
 use bake_runtime::Error;
 use bake_runtime::simd::{Simd, Tier, TierTask, Vector};
 use packed::Layer;
+use product::ROWS;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use tile::Tile;
 
-/// Tiles of a shard, until there are [`SHARDS`]: a shard's gradient costs a few tiles' time to add up.
-const SHARD_TILES: usize = 8;
-/// Most shards of a batch.
+/// Rows of a shard, over all columns, until there are [`SHARDS`]: what a shard's gradient costs to clear and to
+/// add up is then below 3 % of finding it.
+const SHARD_ROWS: usize = 256;
+/// Most shards of a batch: they are of one size, so that up to as many cores have equal shares.
 const SHARDS: usize = 16;
 
 /// A network's buffers for a tier and a number of columns; they are kept from step to step.
@@ -90,9 +92,8 @@ impl Fused {
         loss: &impl TileLoss,
     ) -> Result<(f64, Vec<f32>)> {
         self.pack(parameters, queries)?;
-        let per_tile = tile::queries(self.columns);
-        let tiles = queries.div_ceil(per_tile);
-        let shards = tiles.div_ceil(SHARD_TILES).min(SHARDS);
+        let (blocks, most) = (queries.div_ceil(ROWS), tile::most_queries(self.columns));
+        let shards = (queries * self.columns / SHARD_ROWS).clamp(1, SHARDS.min(blocks));
         let length = self.layers.iter().map(Layer::gradient).sum();
         while self.shards.len() < shards {
             self.shards.push(Mutex::new((Aligned::zeros(length), 0.0)));
@@ -100,11 +101,11 @@ impl Fused {
         let (tier, layers, slots) = (self.tier, &self.layers, &self.shards[..shards]);
         share(&mut self.tiles, shards, |tile, shard| {
             let (gradient, value) = &mut *unpoisoned(slots[shard].lock());
-            let edge = |shard: usize| (shard * tiles / shards * per_tile).min(queries);
+            let edge = |shard: usize| (shard * blocks / shards * ROWS).min(queries);
             *value = tier.dispatch(Shard {
                 tile,
                 layers,
-                per_tile,
+                most,
                 queries: edge(shard)..edge(shard + 1),
                 loss,
                 gradient,
@@ -137,7 +138,7 @@ impl Fused {
             return Err(Error::query("rows", reason).into());
         }
         self.pack(parameters, queries)?;
-        let per_tile = tile::queries(self.columns);
+        let per_tile = tile::most_queries(self.columns);
         let (tier, layers, columns) = (self.tier, &self.layers, self.columns);
         let slots: Vec<Mutex<Vec<f32>>> = (0..queries.div_ceil(per_tile))
             .map(|_| Mutex::default())
@@ -229,7 +230,8 @@ impl TierTask for Lanes {
 struct Shard<'a, L> {
     tile: &'a mut Tile,
     layers: &'a [Layer],
-    per_tile: usize,
+    /// Most queries of a tile.
+    most: usize,
     queries: Range<usize>,
     loss: &'a L,
     gradient: &'a mut [f32],
@@ -242,8 +244,10 @@ impl<L: TileLoss> TierTask for Shard<'_, L> {
     fn run<S: Simd>(self, simd: S) -> f64 {
         self.gradient.fill(0.0);
         let mut value = 0.0;
-        for first in self.queries.clone().step_by(self.per_tile) {
-            let queries = first..(first + self.per_tile).min(self.queries.end);
+        let all = self.queries.len();
+        let per_tile = all.div_ceil(all.div_ceil(self.most)).next_multiple_of(ROWS);
+        for first in self.queries.clone().step_by(per_tile) {
+            let queries = first..(first + per_tile).min(self.queries.end);
             value += self
                 .tile
                 .train(simd, self.layers, self.loss, queries, self.gradient);

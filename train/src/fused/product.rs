@@ -15,8 +15,8 @@ const WIDE_ROWS: usize = 6;
 /// Rows of narrower blocks; rows of a tile's column are a multiple of it.
 pub const ROWS: usize = 2 * WIDE_ROWS;
 
-/// Widths are padded to a multiple of this, or of the lanes if they are more: blocks of up to [`ROWS`] columns
-/// that begin before a width's end, at an even place, then end within the padding.
+/// Widths are padded to a multiple of this, or of the lanes if they are more: an even number of columns of A
+/// may then be one more than there are.
 const PAD: usize = 8;
 
 /// Vectors of a block: AVX-512 has 32 registers, the others have 16.

@@ -10,67 +10,69 @@ use bake_runtime::simd::Simd;
 use std::marker::PhantomData;
 use std::ops::Range;
 
-/// Rows of a tile, over all columns: enough that a weight gradient is worth loading, few enough that a layer's
-/// rows stay in the first-level cache.
+/// Most rows of a tile, over all columns. Fewer load weights and their gradient more often for the same work;
+/// more would push the buffers of wide networks out of the second-level cache (measured: 96 is 2 % slower, 288
+/// no faster).
 const TILE_ROWS: usize = 192;
 
-/// Queries of a tile with `columns` blocks of rows.
-pub fn queries(columns: usize) -> usize {
-    (TILE_ROWS / columns).next_multiple_of(ROWS)
+/// Most queries of a tile with `columns` blocks of rows.
+pub fn most_queries(columns: usize) -> usize {
+    (TILE_ROWS / columns).max(1).next_multiple_of(ROWS)
 }
 
 /// The buffers of a tile.
 pub struct Tile {
     nonlinearity: Nonlinearity,
     columns: usize,
-    /// x of each layer: features, then activations.
+    /// Features, then the outputs of each layer.
     rows: Vec<Aligned>,
-    /// Rows of the last layer.
-    last: Aligned,
-    /// s' of each hidden layer.
+    /// s' of each layer; empty for the last.
     slopes: Vec<Aligned>,
-    /// s''·ż of each hidden layer.
+    /// s''·ż of each layer; empty for the last, and where there are no tangents or no s''.
     turns: Vec<Aligned>,
     /// s'' of the layer at hand.
     bend: Aligned,
     /// z̄ of the layer at hand and of the one below it.
     adjoints: [Aligned; 2],
-    /// Outputs and their gradient, one plane per output and column.
+    /// Outputs and their gradient, one plane per column and output.
     outputs: Aligned,
     gradient: Aligned,
 }
 
 impl Tile {
-    /// Buffers for `layers` with `columns` blocks of rows.
+    /// Buffers for `layers`, of which there is at least one, with `columns` blocks of rows.
     pub fn new(layers: &[Layer], nonlinearity: Nonlinearity, columns: usize) -> Tile {
-        let queries = queries(columns);
+        let queries = most_queries(columns);
+        let last = layers.len() - 1;
+        let tangents = match nonlinearity {
+            Nonlinearity::Silu => columns - 1,
+            Nonlinearity::Relu => 0,
+        };
+        // Blocks of rows of each layer's outputs, and the same where the last layer needs none.
+        let buffers = |blocks: usize, layers: &[Layer]| -> Vec<Aligned> {
+            let widths = layers.iter().map(|layer| layer.output_width);
+            widths
+                .map(|width| Aligned::zeros(blocks * queries * width))
+                .collect()
+        };
+        let hidden = |blocks: usize| -> Vec<Aligned> {
+            let mut buffers = buffers(blocks, &layers[..last]);
+            buffers.push(Aligned::default());
+            buffers
+        };
+        let mut rows = vec![Aligned::zeros(columns * queries * layers[0].input_width)];
+        rows.extend(buffers(columns, layers));
         let widest = layers.iter().map(|layer| layer.output_width).max().unwrap_or(0);
-        let outputs = layers.last().map_or(0, |layer| layer.outputs);
-        let last = layers.last().map_or(0, |layer| layer.output_width);
-        let hidden = &layers[..layers.len().saturating_sub(1)];
-        let curved = columns > 1 && nonlinearity == Nonlinearity::Silu;
-        let turns = if curved { columns - 1 } else { 0 };
-        let zeros = |rows: usize, width: usize| Aligned::zeros(rows * width);
         Tile {
             nonlinearity,
             columns,
-            rows: layers
-                .iter()
-                .map(|layer| zeros(columns * queries, layer.input_width))
-                .collect(),
-            last: zeros(columns * queries, last),
-            slopes: hidden
-                .iter()
-                .map(|layer| zeros(queries, layer.output_width))
-                .collect(),
-            turns: hidden
-                .iter()
-                .map(|layer| zeros(turns * queries, layer.output_width))
-                .collect(),
-            bend: zeros(if curved { queries } else { 0 }, widest),
-            adjoints: [(); 2].map(|()| zeros(columns * queries, widest)),
-            outputs: zeros(columns * queries, outputs),
-            gradient: zeros(columns * queries, outputs),
+            rows,
+            slopes: hidden(1),
+            turns: hidden(tangents),
+            bend: Aligned::zeros(tangents.min(1) * queries * widest),
+            adjoints: [(); 2].map(|()| Aligned::zeros(columns * queries * widest)),
+            outputs: Aligned::zeros(columns * queries * layers[last].outputs),
+            gradient: Aligned::zeros(columns * queries * layers[last].outputs),
         }
     }
 
@@ -85,17 +87,18 @@ impl Tile {
         gradient: &mut [f32],
     ) -> f64 {
         let count = queries.len();
-        self.features(simd, layers, count, |rows| {
-            loss.features(simd, queries.clone(), rows);
-        });
+        loss.features(simd, queries.clone(), &mut self.features(&layers[0], count));
         self.forward(simd, layers, count);
-        let Some(last) = layers.last() else { return 0.0 };
-        let planes = self.columns * last.outputs * count;
-        self.gradient[..planes].fill(0.0);
-        scatter(&self.last, last, count, &mut self.outputs[..planes]);
-        let outputs = Outputs::new(&self.outputs[..planes], last.outputs, count);
-        let mut adjoint = OutputsMut::new(&mut self.gradient[..planes], last.outputs, count);
-        let value = loss.loss(simd, queries, &outputs, &mut adjoint);
+        let outputs = layers[layers.len() - 1].outputs;
+        let adjoint = &mut self.gradient[..self.columns * outputs * count];
+        adjoint.fill(0.0);
+        let planes = Outputs::new(&self.outputs, outputs, count);
+        let value = loss.loss(
+            simd,
+            queries,
+            &planes,
+            &mut OutputsMut::new(adjoint, outputs, count),
+        );
         self.backward(simd, layers, count, gradient);
         value
     }
@@ -109,70 +112,56 @@ impl Tile {
         count: usize,
         fill: impl FnOnce(&mut Features),
     ) -> &[f32] {
-        self.features(simd, layers, count, fill);
+        fill(&mut self.features(&layers[0], count));
         self.forward(simd, layers, count);
-        let Some(last) = layers.last() else { return &[] };
-        let planes = &mut self.outputs[..self.columns * last.outputs * count];
-        scatter(&self.last, last, count, planes);
-        planes
+        &self.outputs[..self.columns * layers[layers.len() - 1].outputs * count]
     }
 
-    /// Rows of the first layer. Rows are whole blocks of queries; those without a query are zeros.
+    /// Rows of the `first` layer. Rows are whole blocks of queries; those without a query stay zeros.
     #[inline(always)]
-    fn features<S: Simd>(
-        &mut self,
-        _simd: S,
-        layers: &[Layer],
-        count: usize,
-        fill: impl FnOnce(&mut Features),
-    ) {
-        let (Some(rows), Some(first)) = (self.rows.first_mut(), layers.first()) else {
-            return;
-        };
+    fn features(&mut self, first: &Layer, count: usize) -> Features<'_> {
         let block = count.next_multiple_of(ROWS);
-        let rows = &mut rows[..self.columns * block * first.input_width];
+        let rows = &mut self.rows[0][..self.columns * block * first.input_width];
         rows.fill(0.0);
-        fill(&mut Features::new(rows, first.input_width, first.inputs, block));
+        Features::new(rows, first.input_width, first.inputs, block)
     }
 
+    /// From features to planes of outputs.
     #[inline(always)]
     fn forward<S: Simd>(&mut self, simd: S, layers: &[Layer], count: usize) {
-        let hidden = layers.len() - 1;
-        for layer in 0..hidden {
+        let last = layers.len() - 1;
+        for (index, layer) in layers[..last].iter().enumerate() {
             match self.nonlinearity {
-                Nonlinearity::Silu => self.layer::<S, Silu>(simd, layers, layer, count),
-                Nonlinearity::Relu => self.layer::<S, Relu>(simd, layers, layer, count),
+                Nonlinearity::Silu => self.layer::<S, Silu>(simd, layer, index, count),
+                Nonlinearity::Relu => self.layer::<S, Relu>(simd, layer, index, count),
             }
         }
-        self.layer::<S, Linear>(simd, layers, hidden, count);
+        self.layer::<S, Linear>(simd, &layers[last], last, count);
+        scatter(&self.rows[last + 1], &layers[last], count, &mut self.outputs);
     }
 
     #[inline(always)]
-    fn layer<S: Simd, A: Activation>(&mut self, simd: S, layers: &[Layer], index: usize, count: usize) {
-        let layer = &layers[index];
-        let (inputs, above) = self.rows.split_at_mut(index + 1);
-        let mut nothing = [];
+    fn layer<S: Simd, A: Activation>(&mut self, simd: S, layer: &Layer, index: usize, count: usize) {
+        let (below, above) = self.rows.split_at_mut(index + 1);
         simd.enter(Forward {
             simd,
             activation: PhantomData::<A>,
             queries: count.next_multiple_of(ROWS),
             columns: self.columns,
             left: Rows {
-                numbers: &inputs[index],
+                numbers: &below[index],
                 stride: layer.input_width,
             },
             weights: &layer.forward,
             bias: &layer.bias,
-            out: above.first_mut().unwrap_or(&mut self.last),
-            slope: self.slopes.get_mut(index).map_or(&mut nothing[..0], |s| s),
+            out: &mut above[0],
+            slope: &mut self.slopes[index],
             bend: &mut self.bend,
-            turn: match self.turns.get_mut(index) {
-                Some(turn) => turn,
-                None => &mut [],
-            },
+            turn: &mut self.turns[index],
         });
     }
 
+    /// From planes of the outputs' gradient to `gradient`, to which that by the parameters is added.
     #[inline(always)]
     fn backward<S: Simd>(&mut self, simd: S, layers: &[Layer], count: usize, gradient: &mut [f32]) {
         let queries = count.next_multiple_of(ROWS);
@@ -180,9 +169,8 @@ impl Tile {
         let [above, below] = &mut self.adjoints;
         let (mut above, mut below) = (above, below);
         let last = &layers[layers.len() - 1];
-        let end = gradient.len();
-        let planes = &self.gradient[..columns * last.outputs * count];
-        gather(planes, last, count, above);
+        let mut end = gradient.len();
+        gather(&self.gradient, last, columns, count, above);
         // The values' rows only: tangents know no bias.
         let bias = &mut gradient[end - last.output_width..];
         for row in above[..count * last.output_width].chunks_exact(last.output_width) {
@@ -190,7 +178,6 @@ impl Tile {
                 *sum += part;
             }
         }
-        let mut end = gradient.len();
         for (index, layer) in layers.iter().enumerate().rev() {
             let start = end - layer.gradient();
             simd.enter(Weights {
@@ -228,7 +215,7 @@ impl Tile {
     }
 }
 
-/// Copies the rows of the `last` layer to planes of `count` queries, one per column and output.
+/// Copies `rows` of the `last` layer to planes of `count` queries, one per column and output.
 #[inline(always)]
 fn scatter(rows: &[f32], last: &Layer, count: usize, planes: &mut [f32]) {
     let columns = planes.chunks_exact_mut(count * last.outputs);
@@ -242,12 +229,12 @@ fn scatter(rows: &[f32], last: &Layer, count: usize, planes: &mut [f32]) {
     }
 }
 
-/// Copies planes back to rows of the `last` layer, with zeros in what is padding.
+/// Copies planes back to `rows` of the `last` layer, with zeros in what is padding.
 #[inline(always)]
-fn gather(planes: &[f32], last: &Layer, count: usize, rows: &mut [f32]) {
-    let columns = planes.chunks_exact(count * last.outputs);
+fn gather(planes: &[f32], last: &Layer, columns: usize, count: usize, rows: &mut [f32]) {
+    let planes = planes.chunks_exact(count * last.outputs).take(columns);
     let blocks = rows.chunks_exact_mut(count.next_multiple_of(ROWS) * last.output_width);
-    for (planes, block) in columns.zip(blocks) {
+    for (planes, block) in planes.zip(blocks) {
         block.fill(0.0);
         for (output, plane) in planes.chunks_exact(count).enumerate() {
             for (value, row) in plane.iter().zip(block.chunks_exact_mut(last.output_width)) {
