@@ -57,7 +57,7 @@ enum Smooth {
     /// The model says it exactly.
     Exact,
     /// Splines of ln(f_cos·dω/ds) per channel on the crowded square of a frame.
-    Table(Chart, [EdgeSpline; 3]),
+    Table(Chart, EdgeSpline<3>),
 }
 
 /// A slice with the frames of its lobes.
@@ -146,8 +146,9 @@ impl<'a> LobeSlice<'a> {
                 .copied()
                 .fold(DVec3::splat(f64::MIN_POSITIVE.sqrt()), DVec3::max);
             let floor = brightest * SMOOTH_FLOOR;
-            let logs = |c: usize| values.iter().map(|v| v.max(floor)[c].ln()).collect::<Vec<_>>();
-            Smooth::Table(home, [0, 1, 2].map(|c| EdgeSpline::new(&logs(c), SMOOTH_CELLS)))
+            let logs = [0, 1, 2].map(|c| values.iter().map(|v| v.max(floor)[c].ln()).collect::<Vec<_>>());
+            let logs = logs.each_ref().map(|l| &l[..]);
+            Smooth::Table(home, EdgeSpline::new(logs, SMOOTH_CELLS))
         };
         if sharp_chart.is_none() && matches!(smooth, Smooth::Black) {
             return refuse("it reflects nothing, so there is nothing to sample");
@@ -165,9 +166,9 @@ impl<'a> LobeSlice<'a> {
         let smooth = || match &self.smooth {
             Smooth::Black => DVec3::ZERO,
             Smooth::Exact => self.slice.smooth(wi),
-            Smooth::Table(chart, splines) => {
+            Smooth::Table(chart, spline) => {
                 let s = chart.direction_to_square(wi.to_array());
-                let values = DVec3::from_array([0, 1, 2].map(|c: usize| splines[c].at(s).0.exp()));
+                let values = DVec3::from_array(spline.values_at(s).map(f64::exp));
                 values * chart.density(wi.to_array())
             }
         };
@@ -236,14 +237,14 @@ impl<'a> LobeSlice<'a> {
     /// Energy-weighted mean error of the smooth lobe's interpolation, over the albedo of the slice: the bias that removing
     /// its noise costs the transport. Weights of samples do not see it; they come from the model.
     pub fn smoothing_error(&self, albedo: DVec3) -> f64 {
-        let Smooth::Table(chart, splines) = &self.smooth else {
+        let Smooth::Table(chart, spline) = &self.smooth else {
             return 0.0;
         };
         let sum: f64 = (0..CHECKS)
             .map(|k| {
                 let s = shifted_r2(k, [0.0; 2]);
                 let (wi, area) = direction_at(chart, s);
-                let table = DVec3::from_array([0, 1, 2].map(|c: usize| splines[c].at(s).0.exp()));
+                let table = DVec3::from_array(spline.values_at(s).map(f64::exp));
                 (self.slice.smooth(wi) * area - table).dot(LUMINANCE).abs()
             })
             .sum();

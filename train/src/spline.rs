@@ -7,13 +7,16 @@
 /// Cells added on each side so that lookups at the edge stay inside the array.
 const PAD: usize = 2;
 
-/// A bicubic spline through values at the cell centres of an m × m grid over `[0,1]²`.
+/// Bicubic splines through values at the cell centres of an m × m grid over `[0,1]²`, one for each of `C` channels.
+///
+/// The channels of a node lie side by side: tables are far larger than any cache, and what a lookup costs is the number of
+/// places in memory that it touches.
 #[derive(Clone, Debug)]
-pub struct Spline {
+pub struct Spline<const C: usize = 1> {
     /// Cells per side.
     pub cells: usize,
     /// Padded coefficients, row-major, first coordinate along rows.
-    coefficients: Vec<f32>,
+    coefficients: Vec<[f32; C]>,
 }
 
 /// Solves (c[i−1] + 4 c[i] + c[i+1]) / 6 = f[i] in place with mirrored ends, on a line with a stride.
@@ -74,46 +77,82 @@ pub fn curvatures(t: f64) -> [f64; 4] {
     [1.0 - t, 3.0 * t - 2.0, 1.0 - 3.0 * t, t]
 }
 
-impl Spline {
-    /// Interpolates `values` (`cells`², row-major, first coordinate fastest).
-    pub fn new(values: &[f64], cells: usize) -> Spline {
-        assert_eq!(values.len(), cells * cells, "one value per cell");
-        let mut c = values.to_vec();
-        prefilter(&mut c, cells);
+impl<const C: usize> Spline<C> {
+    /// Interpolates the `values` of every channel (`cells`², row-major, first coordinate fastest).
+    pub fn new(values: [&[f64]; C], cells: usize) -> Spline<C> {
         let side = cells + 2 * PAD;
         let node = |k: usize| mirror(k as isize - PAD as isize, cells);
-        let coefficients = (0..side * side)
-            .map(|k| c[node(k / side) * cells + node(k % side)] as f32)
-            .collect();
+        let mut coefficients = vec![[0.0; C]; side * side];
+        for (channel, values) in values.into_iter().enumerate() {
+            assert_eq!(values.len(), cells * cells, "one value per cell");
+            let mut c = values.to_vec();
+            prefilter(&mut c, cells);
+            for (k, out) in coefficients.iter_mut().enumerate() {
+                out[channel] = c[node(k / side) * cells + node(k % side)] as f32;
+            }
+        }
         Spline { cells, coefficients }
     }
 
-    /// Value at `s` (clamped to the square) and its gradient per unit of the square.
-    pub fn at(&self, s: [f64; 2]) -> (f64, [f64; 2]) {
-        self.around(&Patch::new(s, self.cells))
-    }
-
-    /// The same at a place that was looked up for this number of cells.
-    fn around(&self, patch: &Patch) -> (f64, [f64; 2]) {
-        let side = self.cells + 2 * PAD;
+    /// Values at a place that was looked up for this number of cells, and their gradients per unit of the square.
+    #[inline]
+    fn around(&self, patch: &Patch) -> [(f64, [f64; 2]); C] {
         let Patch {
-            start: [i, j],
             weights: [(wx, dx), (wy, dy)],
+            ..
         } = patch;
-        let (mut value, mut gx, mut gy) = (0.0, 0.0, 0.0);
+        let (mut value, mut gx, mut gy) = ([0.0; C], [0.0; C], [0.0; C]);
         for r in 0..4 {
-            let row = &self.coefficients[(j + r) * side + i..(j + r) * side + i + 4];
-            let (mut line, mut slope) = (0.0, 0.0);
-            for (k, &c) in row.iter().enumerate() {
-                line += wx[k] * f64::from(c);
-                slope += dx[k] * f64::from(c);
+            let (mut line, mut slope) = ([0.0; C], [0.0; C]);
+            for (k, node) in self.row(patch, r).iter().enumerate() {
+                for c in 0..C {
+                    line[c] += wx[k] * f64::from(node[c]);
+                    slope[c] += dx[k] * f64::from(node[c]);
+                }
             }
-            value += wy[r] * line;
-            gx += wy[r] * slope;
-            gy += dy[r] * line;
+            for c in 0..C {
+                value[c] += wy[r] * line[c];
+                gx[c] += wy[r] * slope[c];
+                gy[c] += dy[r] * line[c];
+            }
         }
         let m = self.cells as f64;
-        (value, [gx * m, gy * m])
+        std::array::from_fn(|c| (value[c], [gx[c] * m, gy[c] * m]))
+    }
+
+    /// The values alone.
+    #[inline]
+    fn values(&self, patch: &Patch) -> [f64; C] {
+        let [(wx, _), (wy, _)] = &patch.weights;
+        let mut value = [0.0; C];
+        for (r, wy) in wy.iter().enumerate() {
+            let mut line = [0.0; C];
+            for (node, wx) in self.row(patch, r).iter().zip(wx) {
+                for c in 0..C {
+                    line[c] += wx * f64::from(node[c]);
+                }
+            }
+            for c in 0..C {
+                value[c] += wy * line[c];
+            }
+        }
+        value
+    }
+
+    /// The four coefficients of row `r` of `patch`.
+    #[inline]
+    fn row(&self, patch: &Patch, r: usize) -> &[[f32; C]] {
+        let [i, j] = patch.start;
+        let start = (j + r) * (self.cells + 2 * PAD) + i;
+        &self.coefficients[start..start + 4]
+    }
+}
+
+impl Spline {
+    /// Value at `s` (clamped to the square) and its gradient per unit of the square.
+    pub fn at(&self, s: [f64; 2]) -> (f64, [f64; 2]) {
+        let [found] = self.around(&Patch::new(s, self.cells));
+        found
     }
 }
 
@@ -139,14 +178,14 @@ impl Patch {
     }
 }
 
-/// A spline over the unit square whose cells crowd towards the edges: cell centres lie at
+/// Splines over the unit square whose cells crowd towards the edges: cell centres lie at
 /// s = t²(3 − 2t) for t at the centres of an even grid.
 ///
 /// In the square of a lobe frame a distance e from the edge is a height of about 2√e above the local horizon,
 /// so densities change there like functions of √e: evenly in t, where e ≈ 3t².
 #[derive(Clone, Debug)]
-pub struct EdgeSpline {
-    even: Spline,
+pub struct EdgeSpline<const C: usize = 1> {
+    even: Spline<C>,
 }
 
 /// Position of the even coordinate `t`: the smoothstep t²(3 − 2t).
@@ -168,30 +207,44 @@ pub fn edge_cell_weight(k: usize, n: usize) -> f64 {
     width(k % n) * width(k / n)
 }
 
-impl EdgeSpline {
-    /// Interpolates `values` at [`edge_cell_centre`].
-    pub fn new(values: &[f64], cells: usize) -> EdgeSpline {
+impl<const C: usize> EdgeSpline<C> {
+    /// Interpolates the `values` of every channel at [`edge_cell_centre`].
+    pub fn new(values: [&[f64]; C], cells: usize) -> EdgeSpline<C> {
         EdgeSpline {
             even: Spline::new(values, cells),
         }
     }
 
-    /// Value at `s` (clamped to the square) and its gradient per unit of the square.
-    pub fn at(&self, s: [f64; 2]) -> (f64, [f64; 2]) {
-        self.around(&EdgePlace::new(s, self.even.cells))
+    /// Values at a place that was looked up for this number of cells, and their gradients per unit of the square.
+    #[inline]
+    pub fn around(&self, place: &EdgePlace) -> [(f64, [f64; 2]); C] {
+        let [sx, sy] = place.slope;
+        self.even
+            .around(&place.patch)
+            .map(|(value, [gx, gy])| (value, [gx * sx, gy * sy]))
     }
 
-    /// The same at a place that was looked up for this number of cells.
-    pub fn around(&self, place: &EdgePlace) -> (f64, [f64; 2]) {
-        let (value, gradient) = self.even.around(&place.patch);
-        (
-            value,
-            [gradient[0] * place.slope[0], gradient[1] * place.slope[1]],
-        )
+    /// The values alone.
+    #[inline]
+    pub fn values(&self, place: &EdgePlace) -> [f64; C] {
+        self.even.values(&place.patch)
+    }
+
+    /// The values at `s` (clamped to the square).
+    pub fn values_at(&self, s: [f64; 2]) -> [f64; C] {
+        self.values(&EdgePlace::new(s, self.even.cells))
     }
 }
 
-/// A place of the square, looked up once for any number of [`EdgeSpline`]s with as many cells.
+impl EdgeSpline {
+    /// Value at `s` (clamped to the square) and its gradient per unit of the square.
+    pub fn at(&self, s: [f64; 2]) -> (f64, [f64; 2]) {
+        let [found] = self.around(&EdgePlace::new(s, self.even.cells));
+        found
+    }
+}
+
+/// A place of the square, looked up once for all [`EdgeSpline`]s with as many cells.
 pub struct EdgePlace {
     patch: Patch,
     /// dt/ds.
@@ -244,7 +297,7 @@ mod tests {
         let f = |s: [f64; 2]| (0.03 / (s[0].sqrt() + 0.03)).ln() + s[1];
         let crowded: Vec<f64> = (0..n * n).map(|k| f(edge_cell_centre(k, n))).collect();
         let even: Vec<f64> = (0..n * n).map(|k| f(cell_centre(k, n))).collect();
-        let (crowded, even) = (EdgeSpline::new(&crowded, n), Spline::new(&even, n));
+        let (crowded, even) = (EdgeSpline::new([&crowded], n), Spline::new([&even], n));
         let positions = || (0..200).map(|i| [10f64.powf(-5.0 + 0.02 * f64::from(i)) * 0.9, 0.4]);
         let ours = positions()
             .map(|s| (crowded.at(s).0 - f(s)).abs())
@@ -263,7 +316,7 @@ mod tests {
         let n = 32;
         let f = |s: [f64; 2]| (PI * s[0]).cos() * (2.0 * PI * s[1]).cos();
         let values: Vec<f64> = (0..n * n).map(|k| f(cell_centre(k, n))).collect();
-        let spline = Spline::new(&values, n);
+        let spline = Spline::new([&values], n);
         for (k, v) in values.iter().enumerate() {
             assert!((spline.at(cell_centre(k, n)).0 - v).abs() < NODE_TOL);
         }

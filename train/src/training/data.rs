@@ -28,10 +28,8 @@ pub struct Entry {
     pub chart: usize,
     /// Charts of the slice as the networks predict them, with their shares.
     pub charts: Charts,
-    /// ln of the luminance density in the chart's square, mean 1.
-    pub log_luminance: EdgeSpline,
-    /// ln of f_cos·dω/ds per channel.
-    pub log_density: [EdgeSpline; 3],
+    /// ln of the luminance density in the chart's square, mean 1; and ln of f_cos·dω/ds, RGB.
+    pub log_density: EdgeSpline<4>,
     /// Cells per side of all of these.
     pub cells: usize,
     /// Albedo of the whole slice, RGB.
@@ -109,18 +107,16 @@ impl TrainingSet {
                 lobes
                     .map(|(chart, map)| {
                         let cells = map.table.cells;
-                        let spline = |logs: &[f64]| EdgeSpline::new(logs, cells);
                         let plane =
                             |c: usize| map.table.log_density[c].iter().map(|&v| f64::from(v)).collect();
-                        let planes: [Vec<f64>; 3] = [plane(0), plane(1), plane(2)];
-                        let luminance: Vec<f64> = map.table.luminance().iter().map(|q| q.ln()).collect();
+                        let luminance = map.table.luminance().iter().map(|q| q.ln()).collect();
+                        let planes: [Vec<f64>; 4] = [luminance, plane(0), plane(1), plane(2)];
                         Entry {
                             params: slice.parameters.clone(),
                             wo: slice.wo,
                             chart,
                             charts: charts.clone(),
-                            log_luminance: spline(&luminance),
-                            log_density: planes.each_ref().map(|p| spline(p)),
+                            log_density: EdgeSpline::new(planes.each_ref().map(|p| &p[..]), cells),
                             cells,
                             albedo,
                             other: None,

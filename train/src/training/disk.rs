@@ -46,7 +46,7 @@ pub struct DiskSlice {
 struct DiskLobe {
     chart: Chart,
     cells: usize,
-    log_density: [EdgeSpline; 3],
+    log_density: EdgeSpline<3>,
 }
 
 /// The slices that the three networks learn.
@@ -66,16 +66,14 @@ impl DiskSet {
                 }),
             };
             let energy = slice.charts.iter().map(|c| luminance(c.table.albedo())).sum();
-            let lobe = |c: &crate::transport::frame_map::ChartMap| DiskLobe {
-                chart: c.chart,
-                cells: c.table.cells,
-                log_density: [0, 1, 2].map(|channel: usize| {
-                    let logs: Vec<f64> = c.table.log_density[channel]
-                        .iter()
-                        .map(|&v| f64::from(v))
-                        .collect();
-                    EdgeSpline::new(&logs, c.table.cells)
-                }),
+            let lobe = |c: &crate::transport::frame_map::ChartMap| {
+                let logs: [Vec<f64>; 3] = [0, 1, 2]
+                    .map(|channel: usize| c.table.log_density[channel].iter().map(|&v| v.into()).collect());
+                DiskLobe {
+                    chart: c.chart,
+                    cells: c.table.cells,
+                    log_density: EdgeSpline::new(logs.each_ref().map(|l| &l[..]), c.table.cells),
+                }
             };
             DiskSlice {
                 lobes: slice.charts.iter().map(lobe).collect(),
@@ -97,7 +95,7 @@ impl DiskSlice {
         let of = |lobe: &DiskLobe| {
             let (_, density) = lobe.chart.to_local(wi);
             let place = EdgePlace::new(lobe.chart.direction_to_square(wi), lobe.cells);
-            DVec3::from_array(lobe.log_density.each_ref().map(|d| d.around(&place).0.exp())) * density
+            DVec3::from_array(lobe.log_density.values(&place).map(f64::exp)) * density
         };
         self.lobes.iter().map(of).sum()
     }

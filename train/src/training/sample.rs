@@ -174,9 +174,8 @@ impl Warp {
 }
 
 impl WarpLoss {
-    /// Loss of the map's distance, and its gradient by g.
-    fn map(entry: &Entry, u: [f32; 2], warp: &Warp) -> (f64, [f64; 2]) {
-        let target = entry.map_at(u);
+    /// Loss of the distance to the map's position `target`, and its gradient by g.
+    fn map(target: [f32; 2], warp: &Warp) -> (f64, [f64; 2]) {
         let error = [0, 1].map(|c: usize| warp.h[c] - f64::from(target[c]));
         (
             error[0].abs() + error[1].abs(),
@@ -184,9 +183,9 @@ impl WarpLoss {
         )
     }
 
-    /// Loss of the density, and its gradient by g and by ∂g_c/∂u_j.
-    fn density(entry: &Entry, warp: &Warp, place: &EdgePlace) -> (f64, [f64; 2], [[f64; 2]; 2]) {
-        let (log_q, log_slope) = entry.log_luminance.around(place);
+    /// Loss of the density, whose target's logarithm at the warp and its gradient are given, and its gradient by g and by
+    /// ∂g_c/∂u_j.
+    fn density((log_q, log_slope): (f64, [f64; 2]), warp: &Warp) -> (f64, [f64; 2], [[f64; 2]; 2]) {
         let bent = warp.bent_det();
         let scale = log_q.exp() * warp.slope(0) / warp.spread[0] * warp.slope(1) / warp.spread[1];
         let ratio = scale * bent;
@@ -219,24 +218,71 @@ impl WarpLoss {
         )
     }
 
-    /// The weight that the map needs at `warp`, over the albedo, RGB.
-    fn weight(&self, entry: &Entry, warp: &Warp, place: &EdgePlace) -> DVec3 {
-        let own = DVec3::from_array(entry.log_density.each_ref().map(|d| d.around(place).0.exp()));
-        let (share, chart) = entry.own_chart();
-        let light = match entry.other.map(|k| &self.set.entries[k]) {
+    /// Light of the slice's other lobe at `warp`, per unit of the entry's square, RGB; zero where there is none.
+    fn other_light(&self, entry: &Entry, warp: &Warp) -> DVec3 {
+        let Some(other) = entry.other.map(|k| &self.set.entries[k]) else {
+            return DVec3::ZERO;
+        };
+        let (wi, area) = entry.own_chart().1.square_to_direction(warp.h);
+        let (_, far) = other.own_chart();
+        let place = EdgePlace::new(far.direction_to_square(wi), other.cells);
+        let [_, r, g, b] = other.log_density.values(&place);
+        DVec3::from_array([r, g, b].map(f64::exp)) * (far.density(wi) * area)
+    }
+
+    /// The weight that the map needs at `warp`, over the albedo, RGB, where its own lobe's light is `own`.
+    fn weight(entry: &Entry, warp: &Warp, own: DVec3, other: DVec3) -> DVec3 {
+        let (share, _) = entry.own_chart();
+        let light = match entry.other {
             None => own,
-            Some(other) => {
-                let (wi, area) = chart.square_to_direction(warp.h);
-                let (_, far) = other.own_chart();
-                let place = EdgePlace::new(far.direction_to_square(wi), other.cells);
-                let density =
-                    DVec3::from_array(other.log_density.each_ref().map(|d| d.around(&place).0.exp()));
-                let light = own + density * (far.density(wi) * area);
+            Some(_) => {
+                let light = own + other;
                 light * (luminance(own) / luminance(light))
             }
         };
         (light * (warp.det() / share) / entry.albedo).clamp(DVec3::ZERO, DVec3::splat(WEIGHT_MAX))
     }
+
+    /// What the tables say about the queries' warps.
+    ///
+    /// Tables are far larger than any cache: each kind of lookup has its own loop, short enough for the processor to wait
+    /// for the memory of several queries at once.
+    fn look_up(&self, picks: &[Pick], warps: &[Warp]) -> Vec<Found> {
+        let entry = |pick: &Pick| &self.set.entries[pick.entry];
+        let mut found: Vec<Found> = picks
+            .iter()
+            .map(|pick| Found {
+                map: entry(pick).map_at(pick.at),
+                ..Found::default()
+            })
+            .collect();
+        if self.stage == Stage::Map {
+            return found;
+        }
+        let places = picks
+            .iter()
+            .zip(warps)
+            .map(|(pick, warp)| EdgePlace::new(warp.h, entry(pick).cells));
+        let places: Vec<EdgePlace> = places.collect();
+        for ((pick, place), found) in picks.iter().zip(&places).zip(&mut found) {
+            found.log_density = entry(pick).log_density.around(place);
+        }
+        for ((pick, warp), found) in picks.iter().zip(warps).zip(&mut found) {
+            found.other = self.other_light(entry(pick), warp);
+        }
+        found
+    }
+}
+
+/// What the tables say about one query.
+#[derive(Clone, Copy, Default)]
+struct Found {
+    /// Position that the importance map has.
+    map: [f32; 2],
+    /// [`Entry::log_density`] with its gradients.
+    log_density: [(f64, [f64; 2]); 4],
+    /// Light of the other lobe.
+    other: DVec3,
 }
 
 impl TileLoss for WarpLoss {
@@ -256,25 +302,30 @@ impl TileLoss for WarpLoss {
         outputs: &Outputs,
         gradient: &mut OutputsMut,
     ) -> f64 {
-        let mut loss = 0.0;
-        for (i, pick) in self.picks[queries].iter().enumerate() {
-            let entry = &self.set.entries[pick.entry];
+        let picks = &self.picks[queries];
+        let warp = |(i, pick): (usize, &Pick)| {
             let g = [0, 1].map(|c| outputs.plane(0, c)[i]);
+            let slopes = match self.stage {
+                Stage::Map => [[0.0; 2]; 2],
+                Stage::Density => [0, 1].map(|c| [1, 2].map(|j| outputs.plane(j, c)[i])),
+            };
+            Warp::new(pick.at, g, slopes)
+        };
+        let warps: Vec<Warp> = picks.iter().enumerate().map(warp).collect();
+        let found = self.look_up(picks, &warps);
+        let mut loss = 0.0;
+        for (i, ((pick, warp), found)) in picks.iter().zip(&warps).zip(&found).enumerate() {
+            let (far, pull) = WarpLoss::map(found.map, warp);
             if self.stage == Stage::Map {
-                let warp = Warp::new(pick.at, g, [[0.0; 2]; 2]);
-                let (value, slope) = WarpLoss::map(entry, pick.at, &warp);
-                loss += value;
-                slope
-                    .iter()
+                loss += far;
+                pull.iter()
                     .enumerate()
                     .for_each(|(c, s)| gradient.plane(0, c)[i] = *s as f32);
                 continue;
             }
-            let slopes = [0, 1].map(|c| [1, 2].map(|j| outputs.plane(j, c)[i]));
-            let warp = Warp::new(pick.at, g, slopes);
-            let place = EdgePlace::new(warp.h, entry.cells);
-            let (far, pull) = WarpLoss::map(entry, pick.at, &warp);
-            let (value, by_g, by_slopes) = WarpLoss::density(entry, &warp, &place);
+            let entry = &self.set.entries[pick.entry];
+            let [luminance, r, g, b] = found.log_density;
+            let (value, by_g, by_slopes) = WarpLoss::density(luminance, warp);
             loss += value + MAP_WEIGHT * far;
             for c in 0..2 {
                 gradient.plane(0, c)[i] = (by_g[c] + MAP_WEIGHT * pull[c]) as f32;
@@ -282,7 +333,8 @@ impl TileLoss for WarpLoss {
                     gradient.plane(1 + j, c)[i] = *slope as f32;
                 }
             }
-            let target = self.weight(entry, &warp, &place);
+            let own = DVec3::from_array([r, g, b].map(|(log, _)| log.exp()));
+            let target = WarpLoss::weight(entry, warp, own, found.other);
             for c in 0..3 {
                 let weight = f64::from(outputs.plane(0, 2 + c)[i]).exp() / entry.albedo[c];
                 let error = weight - target[c];

@@ -77,7 +77,7 @@ impl Path {
                 true => (goal, enough),
                 false => (PASSED, PASSED),
             };
-            let log_q = EdgeSpline::new(&blend, self.cells);
+            let log_q = EdgeSpline::new([&blend], self.cells);
             match newton(&uncorrected(&log_q), &self.state, goal, enough) {
                 Some(solved) => {
                     (self.state, self.log_q, share) = (solved, blend, next);
@@ -110,7 +110,7 @@ impl Path {
 /// follow to the density itself, the density is softened, and says by how much; `None` where that fails, too, or a guard
 /// rejects the result.
 pub fn solve(log_q: &[f64], cells: usize, near: Option<&[f64]>) -> Option<Solved> {
-    let target = EdgeSpline::new(log_q, cells);
+    let target = EdgeSpline::new([log_q], cells);
     let warm = near.and_then(|phi| {
         let start = Transport::start(cells, phi.to_vec());
         let solved = newton(&uncorrected(&target), &start, CORRECTABLE, ACCEPTED)?;
@@ -147,7 +147,10 @@ pub fn solve(log_q: &[f64], cells: usize, near: Option<&[f64]>) -> Option<Solved
         if softened > SOFTENED_MAX || !end.follow(density, first, [CORRECTABLE, ACCEPTED]) {
             return None;
         }
-        guarded(corrected(&EdgeSpline::new(density, cells), end.state)?, softened)
+        guarded(
+            corrected(&EdgeSpline::new([density], cells), end.state)?,
+            softened,
+        )
     })
 }
 
