@@ -2,6 +2,7 @@
 
 use crate::card::{MapsUsed, PaperTraining, Recipe, TrainingCost};
 use crate::charts::ChartsNetwork;
+use crate::clock::Clock;
 use crate::database;
 use crate::error::Result;
 use crate::maps::{self, Charts, Job, MappedSlice, Summary};
@@ -16,11 +17,11 @@ use crate::training::schedule::Schedule;
 use crate::training::{density, sample};
 use crate::transport::Solver;
 use bake_runtime::{BakedMaterial, Dense, Material, Network, NetworkSpec, Role};
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// How much work a bake spends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,6 +81,17 @@ pub enum Stage {
 }
 
 impl Stage {
+    /// Name in files.
+    fn key(self) -> &'static str {
+        match self {
+            Stage::Charts => "charts",
+            Stage::Maps => "maps",
+            Stage::Sample => "sample",
+            Stage::Eval => "eval",
+            Stage::Pdf => "pdf",
+        }
+    }
+
     /// Words for a progress bar.
     pub fn label(self) -> &'static str {
         match self {
@@ -97,7 +109,7 @@ impl Stage {
 pub struct Bake {
     /// The three networks.
     pub material: BakedMaterial,
-    /// What the training cost; seconds are those of this run (resumed work is not counted again).
+    /// What the training cost, over all pieces of the run.
     pub cost: TrainingCost,
 }
 
@@ -129,6 +141,7 @@ pub fn bake(
         progress,
         specs: [sample_spec, eval_spec, pdf_spec],
         context: format!("{material:?} {effort:?}"),
+        clock: RefCell::new(Clock::open(work)?),
     };
     match preset {
         Preset::Warp => oven.warp(),
@@ -149,20 +162,27 @@ struct Oven<'a> {
     /// Of the sampling, evaluation and pdf network.
     specs: [NetworkSpec; 3],
     context: String,
+    clock: RefCell<Clock>,
 }
 
 impl<'a> Oven<'a> {
-    /// The stage's plan; `network` counts as in [`Effort::steps`].
-    fn plan(
-        &self,
-        stage: &'static str,
-        network: usize,
-        rate: f64,
-        (rule, schedule): (Rule, Schedule),
-    ) -> Plan {
+    /// Does `work`, which belongs to `stage`.
+    fn timed<T>(&self, stage: Stage, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        self.clock.borrow_mut().time(stage.key(), work)
+    }
+
+    /// The plan of a stage that trains a network.
+    fn plan(&self, stage: Stage, rate: f64, (rule, schedule): (Rule, Schedule)) -> Plan {
+        let [charts, sample, eval, pdf] = self.effort.steps;
         Plan {
-            stage,
-            steps: self.effort.steps[network],
+            stage: stage.key(),
+            steps: match stage {
+                Stage::Charts => charts,
+                Stage::Maps => unreachable!("maps are not trained"),
+                Stage::Sample => sample,
+                Stage::Eval => eval,
+                Stage::Pdf => pdf,
+            },
             batch: self.effort.batch,
             rate,
             schedule,
@@ -187,113 +207,105 @@ impl<'a> Oven<'a> {
             cells: maps::CELLS,
             seed: self.seed,
         };
-        let summary = maps::compute(&job, self.work, &self.tick(Stage::Maps))?;
+        let tick = self.tick(Stage::Maps);
+        let summary = self.timed(Stage::Maps, || maps::compute(&job, self.work, &tick))?;
         let slices = database::load(self.work, places.len(), &job.fingerprint())?;
         Ok((summary, slices))
     }
 
     fn warp(self) -> Result<Bake> {
-        let started = Instant::now();
         let places = places::draw(self.material, self.effort.slices, self.seed);
         let course = (Rule::Muon, Schedule::WarmUpCosine);
         let charts_plan = Plan {
             batch: self.effort.batch / 4,
-            ..self.plan("charts", 0, CHARTS_RATE, course)
+            ..self.plan(Stage::Charts, CHARTS_RATE, course)
         };
-        let [sample_spec, eval_spec, pdf_spec] = &self.specs;
-        let tick = self.tick(Stage::Charts);
-        let charts = ChartsNetwork::train(
-            sample_spec,
-            charts_plan.clone(),
-            self.material,
-            &places,
-            self.work,
-            &tick,
-        )?;
-        let (summary, slices) = self.maps(&places, Charts::Predicted(&charts), Solver::Frame)?;
-        let maps_seconds = started.elapsed().as_secs_f64();
-
-        let started = Instant::now();
-        let set = Arc::new(TrainingSet::new(slices, &charts));
-        let plan = |stage, network| self.plan(stage, network, WARP_RATE, course);
+        let plan = |stage| self.plan(stage, WARP_RATE, course);
         let (work, context) = (self.work, &self.context[..]);
-        let tick = self.tick(Stage::Sample);
-        let sampler = sample::train(sample_spec, plan("sample", 1), &set, work, context, &tick)?;
-        let tick = self.tick(Stage::Eval);
-        let eval = density::train_eval(
-            eval_spec,
-            plan("eval", 2),
-            self.material,
-            &charts,
-            work,
-            context,
-            &tick,
-        )?;
-        let tick = self.tick(Stage::Pdf);
-        let pdf = density::train_pdf(
-            pdf_spec,
-            plan("pdf", 3),
-            &set,
-            (sample_spec, &sampler),
-            work,
-            context,
-            &tick,
-        )?;
-        let train_seconds = started.elapsed().as_secs_f64();
-        let plans = [charts_plan, plan("sample", 1), plan("eval", 2), plan("pdf", 3)];
+        let [sample_spec, eval_spec, pdf_spec] = &self.specs;
+        let charts = self.timed(Stage::Charts, || {
+            let tick = self.tick(Stage::Charts);
+            ChartsNetwork::train(
+                sample_spec,
+                charts_plan.clone(),
+                self.material,
+                &places,
+                work,
+                &tick,
+            )
+        })?;
+        let (summary, slices) = self.maps(&places, Charts::Predicted(&charts), Solver::Frame)?;
+        let set = Arc::new(TrainingSet::new(slices, &charts));
+        let sampler = self.timed(Stage::Sample, || {
+            let tick = self.tick(Stage::Sample);
+            sample::train(sample_spec, plan(Stage::Sample), &set, work, context, &tick)
+        })?;
+        let eval = self.timed(Stage::Eval, || {
+            let tick = self.tick(Stage::Eval);
+            let plan = plan(Stage::Eval);
+            density::train_eval(eval_spec, plan, self.material, &charts, work, context, &tick)
+        })?;
+        let pdf = self.timed(Stage::Pdf, || {
+            let tick = self.tick(Stage::Pdf);
+            let sampler = (sample_spec, &sampler);
+            density::train_pdf(pdf_spec, plan(Stage::Pdf), &set, sampler, work, context, &tick)
+        })?;
+        let [sample_plan, eval_plan, pdf_plan] = [Stage::Sample, Stage::Eval, Stage::Pdf].map(plan);
         let cost = TrainingCost {
             maps: MapsUsed::new(Solver::Frame, maps::CELLS, false, &summary),
-            networks: recipes(&plans),
-            ..self.cost([maps_seconds, train_seconds])
+            networks: recipes(&[charts_plan, sample_plan, eval_plan, pdf_plan]),
+            ..self.cost()
         };
         Ok(self.done([sampler, eval, pdf], &charts.layers, cost))
     }
 
     /// Where only `wo` is free, maps are made as the paper makes them; else by our solver, and expressed on the disk.
     fn paper(self) -> Result<Bake> {
-        let started = Instant::now();
         let places = places::draw(self.material, self.effort.slices, self.seed);
         let solver = match self.material.free().is_empty() {
             true => Solver::SinkhornSliced,
             false => Solver::Frame,
         };
         let (summary, slices) = self.maps(&places, Charts::Fitted, solver)?;
-        let maps_seconds = started.elapsed().as_secs_f64();
-
-        let started = Instant::now();
         let set = Arc::new(DiskSet::new(slices, solver));
         let (adam, ranger) = (
             (Rule::Adam, Schedule::Cosine),
             (Rule::Ranger, Schedule::FlatCosine),
         );
-        let train = |spec: &NetworkSpec, plan: Plan, stage: Stage| {
-            disk::train(spec, plan, &set, self.work, &self.context, &self.tick(stage))
+        let train = |spec: &NetworkSpec, plan: &Plan, stage: Stage| {
+            self.timed(stage, || {
+                let tick = self.tick(stage);
+                disk::train(spec, plan.clone(), &set, self.work, &self.context, &tick)
+            })
         };
         let plans = [
-            self.plan("sample", 1, PAPER_RATE, adam),
-            self.plan("eval", 2, PAPER_RATE, ranger),
-            self.plan("pdf", 3, PAPER_RATE, ranger),
+            self.plan(Stage::Sample, PAPER_RATE, adam),
+            self.plan(Stage::Eval, PAPER_RATE, ranger),
+            self.plan(Stage::Pdf, PAPER_RATE, ranger),
         ];
         let [sample_spec, eval_spec, pdf_spec] = &self.specs;
-        let sampler = train(sample_spec, plans[0].clone(), Stage::Sample)?;
-        let eval = train(eval_spec, plans[1].clone(), Stage::Eval)?;
-        let pdf = train(pdf_spec, plans[2].clone(), Stage::Pdf)?;
-        let train_seconds = started.elapsed().as_secs_f64();
+        let sampler = train(sample_spec, &plans[0], Stage::Sample)?;
+        let eval = train(eval_spec, &plans[1], Stage::Eval)?;
+        let pdf = train(pdf_spec, &plans[2], Stage::Pdf)?;
         let cost = TrainingCost {
             maps: MapsUsed::new(solver, maps::CELLS, true, &summary),
             networks: recipes(&plans),
             paper: Some(PaperTraining::printed()),
-            ..self.cost([maps_seconds, train_seconds])
+            ..self.cost()
         };
         Ok(self.done([sampler, eval, pdf], &[], cost))
     }
 
     /// What the training cost, as far as both presets have it in common.
-    fn cost(&self, [maps_seconds, seconds]: [f64; 2]) -> TrainingCost {
+    fn cost(&self) -> TrainingCost {
         let steps: u64 = self.effort.steps[1..].iter().sum();
+        let seconds = |stages: &[Stage]| {
+            let keys: Vec<&str> = stages.iter().map(|stage| stage.key()).collect();
+            self.clock.borrow().seconds(&keys)
+        };
         TrainingCost {
-            seconds,
-            maps_seconds,
+            seconds: seconds(&[Stage::Sample, Stage::Eval, Stage::Pdf]),
+            maps_seconds: seconds(&[Stage::Charts, Stage::Maps]),
             samples: steps * self.effort.batch as u64,
             threads: rayon::current_num_threads(),
             maps: MapsUsed::new(Solver::Frame, maps::CELLS, false, &Summary::default()),

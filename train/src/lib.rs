@@ -5,6 +5,7 @@ pub mod bake;
 pub mod bench;
 pub mod card;
 pub mod charts;
+pub mod clock;
 pub mod comparators;
 pub mod compare;
 pub mod database;
