@@ -4,7 +4,8 @@
 //! chart's square, the ratio r = q(h)·det Dh of target to sampled density should be 1 everywhere, so |ln r|
 //! is driven to zero, with both tangents carried through the network. The three remaining outputs learn the
 //! weight that the network's own map needs by least squares (whose optimum is its mean): f_cos·jacobian, with two
-//! charts times the lobe's own part of the light at wi, over the chart's share.
+//! charts times the lobe's own part of the light at wi, over the chart's share. Where a weight is far above the albedo, as
+//! those of a weak channel are in the tails, its error counts relative to the prediction, which leaves the optimum alone.
 
 use super::data::{Entry, Pick, TrainingSet, luminance};
 use super::mlp::Mlp;
@@ -27,15 +28,16 @@ pub const MAP_SHARE: f64 = 0.2;
 /// Weight of the map's distance while the density is trained: it keeps the map from wandering into folds.
 const MAP_WEIGHT: f64 = 0.3;
 /// Weight of the learned weight's squared error, relative to the albedo.
-const WEIGHT_WEIGHT: f64 = 0.3;
+const WEIGHT_WEIGHT: f64 = 0.5;
 /// Weight of the squared deviation of the ratio, which is the variance of the exact weight.
 const VARIANCE_WEIGHT: f64 = 0.5;
 /// Ratios below this count linearly, so that a fold is pushed out instead of giving NaN.
 const RATIO_FLOOR: f64 = 1e-2;
 /// Deviations above this count linearly: they are rare, and would only add noise.
 const RATIO_BEND: f64 = 2.0;
-/// Learned weights aim at most at this many albedos, for the same reason.
-const WEIGHT_MAX: f64 = 5.0;
+/// Learned weights aim at most at this many albedos. Less would cut off what channels have that are dark but for grazing
+/// light: at 5, reflectances below a hundredth lost a quarter of their light.
+const WEIGHT_MAX: f64 = 1000.0;
 
 /// Features of u, the centred numbers, in front of those of the place.
 const U_FEATURES: usize = 2;
@@ -337,9 +339,10 @@ impl TileLoss for WarpLoss {
             let target = WarpLoss::weight(entry, warp, own, found.other);
             for c in 0..3 {
                 let weight = f64::from(outputs.plane(0, 2 + c)[i]).exp() / entry.albedo[c];
-                let error = weight - target[c];
+                let scale = weight.max(1.0);
+                let error = (weight - target[c]) / scale;
                 loss += WEIGHT_WEIGHT * error * error;
-                gradient.plane(0, 2 + c)[i] = (2.0 * WEIGHT_WEIGHT * error * weight) as f32;
+                gradient.plane(0, 2 + c)[i] = (2.0 * WEIGHT_WEIGHT * error * weight / scale) as f32;
             }
         }
         loss
