@@ -16,7 +16,7 @@ use crate::training::run::Plan;
 use crate::training::schedule::Schedule;
 use crate::training::{density, sample};
 use crate::transport::Solver;
-use bake_runtime::{BakedMaterial, Dense, Material, Network, NetworkSpec, Role};
+use bake_runtime::{BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Role};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -35,8 +35,9 @@ pub struct Effort {
 }
 
 impl Effort {
-    /// What `material` is worth: a few minutes where only `wo` is free, up to an hour of one core per network where
-    /// parameters are; a `quick` look takes a minute.
+    /// What `material` is worth: a few minutes where only `wo` is free, up to an hour of one core for the networks where
+    /// parameters are; a `quick` look takes a minute. Slices of layered materials take several times as long as others' to
+    /// make, so there are half as many.
     pub fn of(preset: Preset, material: &Material, quick: bool) -> Effort {
         let wide = !material.free().is_empty();
         let (slices, steps) = match (preset, wide, quick) {
@@ -46,11 +47,12 @@ impl Effort {
             (Preset::Warp, true, true) => (512, [2000, 2000, 2000, 500]),
             (Preset::Paper, false, false) => (512, [0, 12_000, 12_000, 6000]),
             (Preset::Paper, false, true) => (64, [0, 500, 500, 250]),
-            (Preset::Paper, true, false) => (8192, [0, 40_000, 40_000, 20_000]),
+            (Preset::Paper, true, false) => (4096, [0, 20_000, 20_000, 10_000]),
             (Preset::Paper, true, true) => (256, [0, 500, 500, 250]),
         };
+        let slow = wide && !quick && material.family == Family::Layered;
         Effort {
-            slices,
+            slices: if slow { slices / 2 } else { slices },
             steps,
             batch: 8192,
         }
