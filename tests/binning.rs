@@ -1,8 +1,9 @@
-//! Samples of the shipped baked maps, binned, match the reference; a damaged map does not.
+//! Samples of the shipped baked maps, binned, match the reference; a damaged map does not. A material that fixes its
+//! parameters gets as much from a network of a quarter.
 
 use bake_runtime::bsdf::{direction, shifted_r2};
 use bake_runtime::native::{NativeBackend, Tier};
-use bake_runtime::{Backend, BakedMaterial, Points};
+use bake_runtime::{Backend, BakedMaterial, Material, Points, Scalar};
 use bake_train::card::bins::{SIDE, l1};
 use bake_train::card::heldout;
 use bake_train::card::measure::BINNING_POINTS;
@@ -20,10 +21,29 @@ const BIAS_LIMIT: f64 = 5e-4;
 /// The damage: the last layer's first row scaled by this, a map that does not move its samples far enough.
 const DAMAGE: f32 = 0.5;
 
-fn vase() -> (PathBuf, BakedMaterial) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/materials/vase");
-    let material = BakedMaterial::load(&folder).expect("the shipped vase loads");
+fn shipped(name: &str) -> (PathBuf, BakedMaterial) {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("scenes/materials")
+        .join(name);
+    let material = BakedMaterial::load(&folder).expect("the shipped material loads");
     (folder, material)
+}
+
+fn vase() -> (PathBuf, BakedMaterial) {
+    shipped("vase")
+}
+
+/// The values of all parameters of `material`, which leaves none free, in the order of the family.
+fn values(material: &Material) -> Vec<f64> {
+    let fixed = |scalar: &Scalar| match scalar {
+        Scalar::Fixed(value) => *value,
+        Scalar::Free { .. } => panic!("{} leaves a parameter free", material.name),
+    };
+    let settings = material.parameters.iter();
+    settings
+        .flat_map(|(_, setting)| setting.scalars())
+        .map(fixed)
+        .collect()
 }
 
 fn card(folder: &Path) -> Card {
@@ -31,15 +51,12 @@ fn card(folder: &Path) -> Card {
     serde_json::from_str(&text).expect("the card has every key")
 }
 
-/// Binning L1 of the sampling network at `wo`, and the floor of that measure.
-fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
-    let bsdf = material
-        .sample
-        .spec
-        .material
-        .reference()
-        .expect("fixed parameters");
+/// Binning L1 of the sampling network at `wo` for the values `params` of its free parameters, and the floor of that measure.
+fn binning_l1(material: &BakedMaterial, params: &[f64], wo: DVec3) -> (f64, f64) {
+    let bsdf = material.sample.spec.material.bind(params).expect("in the domain");
     let truth = Truth::new(&bsdf, wo).expect("a bright slice");
+    let columns: Vec<[f32; 1]> = params.iter().map(|&v| [v as f32]).collect();
+    let params: Vec<&[f32]> = columns.iter().map(|c| &c[..]).collect();
     let mut backend = NativeBackend::new(material, Tier::best()).expect("the best tier exists");
     let n = 4096;
     let wo = wo.to_array().map(|c| vec![c as f32; n]);
@@ -53,7 +70,7 @@ fn binning_l1(material: &BakedMaterial, wo: DVec3) -> (f64, f64) {
         let u = u.each_ref().map(|c| c.as_slice());
         backend
             .sample_learned(
-                Points::fixed(wo),
+                Points { params: &params, wo },
                 u,
                 [&mut x, &mut y, &mut z],
                 [&mut r, &mut g, &mut b],
@@ -77,7 +94,7 @@ fn samples_match_the_reference_within_the_cards_limit() {
     for (name, places) in heldout::places(&material.sample.spec.material).expect("few free parameters") {
         let stated: &StratumErrors = &card.errors[&name];
         let some: Vec<DVec3> = places.into_iter().step_by(4).map(|place| place.wo).collect();
-        let measured: Vec<(f64, f64)> = some.iter().map(|wo| binning_l1(&material, *wo)).collect();
+        let measured: Vec<(f64, f64)> = some.iter().map(|wo| binning_l1(&material, &[], *wo)).collect();
         let mean = measured.iter().map(|m| m.0).sum::<f64>() / measured.len() as f64;
         let floor = measured.iter().map(|m| m.1).sum::<f64>() / measured.len() as f64;
         assert!(
@@ -102,17 +119,41 @@ fn a_damaged_map_fails() {
     let limit = SUBSET_FACTOR * card(&folder).errors["theta_0_75"].binning_l1.worst;
     assert!(limit <= BINNING_LIMIT);
     let wo = direction(40.0, 30.0);
-    let (sound, _) = binning_l1(&material, wo);
+    let (sound, _) = binning_l1(&material, &[], wo);
     let last = material.sample.net.last_mut().expect("layers");
     let width = last.inputs;
     last.weight[..width].iter_mut().for_each(|w| *w *= DAMAGE);
     last.bias[0] *= DAMAGE;
-    let (damaged, _) = binning_l1(&material, wo);
+    let (damaged, _) = binning_l1(&material, &[], wo);
     assert!(sound <= limit, "{sound}");
     assert!(
         damaged > limit,
         "a map with one output scaled by {DAMAGE} still scores {damaged}"
     );
+}
+
+/// What a scene gains that bakes only what it uses.
+#[test]
+fn the_vase_needs_a_quarter_of_the_wide_conductors_network_and_is_as_good() {
+    let (vase, wide) = (vase().1, shipped("conductor").1);
+    let (small, large) = (&vase.sample.spec, &wide.sample.spec);
+    assert!(
+        4 * small.macs() <= large.macs(),
+        "{} and {} multiply-adds",
+        small.macs(),
+        large.macs()
+    );
+    let params = values(&small.material);
+    assert_eq!(params.len(), large.material.free().len(), "the whole domain");
+    for (name, places) in heldout::places(&small.material).expect("few free parameters") {
+        let some: Vec<DVec3> = places.into_iter().step_by(8).map(|place| place.wo).collect();
+        let mean = |material: &BakedMaterial, params: &[f64]| {
+            let errors = some.iter().map(|wo| binning_l1(material, params, *wo).0);
+            errors.sum::<f64>() / some.len() as f64
+        };
+        let (small, large) = (mean(&vase, &[]), mean(&wide, &params));
+        assert!(small <= large, "{name}: {small} against {large}");
+    }
 }
 
 #[test]
