@@ -59,7 +59,7 @@ pub struct CurvePanel {
     pub title: String,
     /// What is drawn: the first as a line, the others with a dot at every point.
     pub series: Vec<Series>,
-    /// Step and seconds since the start, both rising: what the axis of time follows. Without it there is no such axis.
+    /// Step and seconds since the start, both rising: what the axis of time follows; without it that has no numbers.
     pub clock: Vec<[f64; 2]>,
     /// The last step before values mean something else, and what they mean then.
     pub mark: Option<(f64, String)>,
