@@ -31,7 +31,8 @@ pub enum Command {
     ///
     /// Parameters that the material fixes leave the networks, which are then smaller, quicker to train and quicker to run;
     /// what that saved is printed first. Two presets: `warp`, ours, and `paper`, the networks and losses of the paper.
-    /// Learning curves are written beside the checkpoints, train-sample.csv and so on.
+    /// Learning curves are written beside the checkpoints, train-sample.csv and so on; curves.png beside the model card
+    /// shows them.
     ///
     /// bake train vase
     ///

@@ -7,6 +7,9 @@
 
 mod box_filter;
 pub mod camera;
+mod curve_axis;
+mod curve_paper;
+pub mod curve_picture;
 pub mod entry_picture;
 pub mod environment;
 pub mod error;

@@ -1,7 +1,7 @@
 //! Baking one material into a folder: what `bake scene` and `bake train` share.
 
 use super::check::{self, CARD_FILE, Provenance};
-use super::{prepare_folder, write_json};
+use super::{curves, prepare_folder, write_json};
 use crate::output;
 use crate::progress::Stages;
 use anyhow::{Context, Result};
@@ -37,14 +37,14 @@ pub struct Took {
     pub maps: f64,
     /// Networks.
     pub train: f64,
-    /// ONNX.
+    /// ONNX and the picture of the learning curves.
     pub export: f64,
     /// The card.
     pub check: f64,
 }
 
 impl Order<'_> {
-    /// Bakes, saves, exports and checks.
+    /// Bakes, saves, exports, draws the learning curves and checks.
     pub fn fill(self, stages: &Stages) -> Result<(Card, Took)> {
         let folder = self.folder;
         let work = folder.join("checkpoints");
@@ -74,6 +74,7 @@ impl Order<'_> {
         let clock = Instant::now();
         baked.material.save(folder)?;
         bake_export::export(&baked.material, folder)?;
+        curves::draw(&work, self.preset, folder)?;
         let export = clock.elapsed().as_secs_f64();
 
         let clock = Instant::now();

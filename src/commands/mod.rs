@@ -4,6 +4,7 @@ pub mod baking;
 pub mod bench;
 pub mod check;
 pub mod converged;
+pub mod curves;
 pub mod export;
 pub mod maps;
 pub mod material;

@@ -11,6 +11,7 @@ use bake_train::card::TrainingCost;
 use bake_train::comparators::realnvp::training::{self, FlowSet, STAGE};
 use bake_train::comparators::realnvp::{RealNvp, couplings_of};
 use bake_train::maps::{CELLS, Charts, Job, compute};
+use bake_train::training::curve::Curve;
 use bake_train::transport::Solver;
 use bake_train::{database, places};
 use serde::{Deserialize, Serialize};
@@ -74,7 +75,7 @@ pub struct Trained {
 
 /// How long the sampling network of `model` was trained, as far as anything tells.
 pub fn sampling_time(model: &Model) -> Option<Time> {
-    let curve = model.folder.join(CHECKPOINTS).join("train-sample.csv");
+    let curve = model.folder.join(CHECKPOINTS).join(Curve::file_name("sample"));
     let cost = model.card.as_ref().and_then(|card| card.training.as_ref());
     match (curve_seconds(&curve), cost) {
         (Some(seconds), _) => Some(Time {
@@ -89,11 +90,10 @@ pub fn sampling_time(model: &Model) -> Option<Time> {
     }
 }
 
-/// Seconds in the last row of the learning curve at `path`; `None` where there is no such row.
+/// Seconds that the training with the learning curve at `path` took; `None` where there is no such curve.
 fn curve_seconds(path: &Path) -> Option<f64> {
-    let text = std::fs::read_to_string(path).ok()?;
-    // Columns: step, seconds, …
-    text.lines().last()?.split(',').nth(1)?.parse().ok()
+    let curve = Curve::read(path).ok()?;
+    curve.rows.last().map(|row| row.seconds)
 }
 
 /// Share of the steps of the three networks that the sampling network took.
@@ -196,7 +196,7 @@ pub fn train(
     stages.finish();
     Ok(Trained {
         flow,
-        seconds: curve_seconds(&work.join(format!("train-{STAGE}.csv"))),
+        seconds: curve_seconds(&work.join(Curve::file_name(STAGE))),
         budget,
     })
 }

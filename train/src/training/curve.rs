@@ -44,34 +44,45 @@ impl Curve {
         }
     }
 
+    /// Name of the file of a stage's curve.
+    pub fn file_name(stage: &str) -> String {
+        format!("train-{stage}.csv")
+    }
+
+    /// The curve in the file `path`, with the held-out errors that it has.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] when the file cannot be read or is not a curve.
+    pub fn read(path: &Path) -> Result<Curve> {
+        let text = std::fs::read_to_string(path).map_err(|e| broken(path, e.to_string()))?;
+        let mut lines = text.lines();
+        let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+        let Some(names) = header.strip_prefix(&COLUMNS[..]) else {
+            return Err(other_columns(path, &header.join(","), &[]));
+        };
+        let mut curve = Curve::new(names);
+        for (i, line) in lines.enumerate() {
+            // The header is line 1.
+            let row = curve.parse(line).ok_or_else(|| {
+                let reason = format!("line {} is not a row of a learning curve: `{line}`", i + 2);
+                broken(path, reason)
+            })?;
+            curve.rows.push(row);
+        }
+        Ok(curve)
+    }
+
     /// The curve in the file `path` up to `step`; empty when there is no file.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] when the file is not a curve with these `names`.
     pub fn resume(path: &Path, names: &[&str], step: u64) -> Result<Curve> {
-        let mut curve = Curve::new(names);
         if step == 0 || !path.exists() {
-            return Ok(curve);
+            return Ok(Curve::new(names));
         }
-        let broken = |reason: String| Error::Checkpoint {
-            path: path.into(),
-            reason,
-        };
-        let text = std::fs::read_to_string(path).map_err(|e| broken(e.to_string()))?;
-        let mut lines = text.lines();
-        let (header, found) = (curve.header(), lines.next().unwrap_or_default());
-        if found != header {
-            return Err(broken(format!("its columns are `{found}` instead of `{header}`")));
-        }
-        for (i, line) in lines.enumerate() {
-            // The header is line 1.
-            let row = curve.parse(line).ok_or_else(|| {
-                broken(format!(
-                    "line {} is not a row of a learning curve: `{line}`",
-                    i + 2
-                ))
-            })?;
-            curve.rows.push(row);
+        let mut curve = Curve::read(path)?;
+        if curve.names != names {
+            return Err(other_columns(path, &curve.header(), names));
         }
         curve.rows.retain(|row| row.step <= step);
         Ok(curve)
@@ -126,6 +137,19 @@ impl Curve {
     }
 }
 
+fn broken(path: &Path, reason: String) -> Error {
+    Error::Checkpoint {
+        path: path.into(),
+        reason,
+    }
+}
+
+/// The file `path` has the columns `found` instead of those of a curve with `names`.
+fn other_columns(path: &Path, found: &str, names: &[&str]) -> Error {
+    let header = Curve::new(names).header();
+    broken(path, format!("its columns are `{found}` instead of `{header}`"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -151,6 +175,7 @@ mod tests {
         let (mut expected, names) = (curve(), ["binning_l1", "eval_rel_l1"]);
         expected.save(&path).expect("the folder is writable");
         assert_eq!(Curve::resume(&path, &names, 300).expect("just written"), expected);
+        assert_eq!(Curve::read(&path).expect("just written"), expected);
         expected.rows.truncate(2);
         assert_eq!(Curve::resume(&path, &names, 299).expect("just written"), expected);
         assert_eq!(
@@ -200,5 +225,9 @@ mod tests {
                 .to_string();
             assert!(error.contains(words), "{error}");
         }
+        curve().save(&path).expect("the folder is writable");
+        let error = Curve::resume(&path, &[], 500).expect_err("other names");
+        let words = format!("its columns are `{header},binning_l1,eval_rel_l1` instead of `{header}`");
+        assert!(error.to_string().contains(&words), "{error}");
     }
 }

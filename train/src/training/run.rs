@@ -85,8 +85,7 @@ impl Run {
             ("tensors", tensors.join(" ")),
             ("context", context.to_string()),
         ]);
-        let file = |ending: &str| folder.join(format!("train-{}.{ending}", plan.stage));
-        let checkpoint = file("safetensors");
+        let checkpoint = folder.join(format!("train-{}.safetensors", plan.stage));
         let mut state = State {
             optimiser: Optimiser::new(plan.rule, blocks, value),
             loss_sum: 0.0,
@@ -95,7 +94,7 @@ impl Run {
         let found = checkpoint::load(&checkpoint, &identity, &mut state)?;
         Ok(Run {
             kept: found.then_some(state.optimiser.step),
-            curve: file("csv"),
+            curve: folder.join(Curve::file_name(plan.stage)),
             plan,
             identity,
             state,

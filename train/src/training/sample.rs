@@ -24,7 +24,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Share of the steps spent on the map alone.
-pub const MAP_SHARE: f64 = 0.2;
+const MAP_SHARE: f64 = 0.2;
 /// Weight of the map's distance while the density is trained: it keeps the map from wandering into folds.
 const MAP_WEIGHT: f64 = 0.3;
 /// Weight of the learned weight's squared error, relative to the albedo.
@@ -42,6 +42,11 @@ const WEIGHT_MAX: f64 = 1000.0;
 /// Features of u, the centred numbers, in front of those of the place.
 const U_FEATURES: usize = 2;
 
+/// Steps of a training of `steps` that are spent on the map alone; those after them have another loss.
+pub fn map_steps(steps: u64) -> u64 {
+    (steps as f64 * MAP_SHARE) as u64
+}
+
 /// Trains the network of `spec` on `set`.
 ///
 /// # Errors
@@ -54,7 +59,7 @@ pub fn train(
     context: &str,
     tick: Tick,
 ) -> Result<Mlp> {
-    let map_steps = (plan.steps as f64 * MAP_SHARE) as u64;
+    let map_steps = map_steps(plan.steps);
     let batch = plan.batch;
     let places = Arc::new(set.place_features(spec));
     let loss = |step: u64, rng: &mut Rng| {
