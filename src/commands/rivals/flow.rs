@@ -24,6 +24,9 @@ const BUDGET_FILE: &str = "budget.json";
 /// Fewest steps of a flow: the rise of its learning rate, and as many again.
 const STEPS_MIN: u64 = 100;
 
+/// Most slices that a flow learns from: each is made anew, at the cost that it had for the model itself.
+const SLICES_MAX: usize = 4096;
+
 /// How long the flow should be trained.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Wanted {
@@ -201,13 +204,15 @@ pub fn train(
     })
 }
 
-/// As many slices as the model learned from, or would today.
+/// As many slices as the model learned from, up to [`SLICES_MAX`]; fewer for a quick look.
 fn slices_of(model: &Model, quick: bool) -> usize {
+    let effort = |quick| Effort::of(model.preset(), &model.networks.sample.spec.material, quick).slices;
     let cost = model.card.as_ref().and_then(|card| card.training.as_ref());
-    match cost {
+    let own = match cost {
         Some(cost) if cost.maps.slices > 0 => cost.maps.slices,
-        _ => Effort::of(model.preset(), &model.networks.sample.spec.material, quick).slices,
-    }
+        _ => effort(false),
+    };
+    own.min(if quick { effort(true) } else { SLICES_MAX })
 }
 
 fn read_budget(file: &Path) -> Result<Budget> {
