@@ -166,18 +166,23 @@ pub fn direction(theta_deg: Real, phi_deg: Real) -> Vec3 {
     Vec3::new(sin_theta * cos_phi, sin_theta * sin_phi, z)
 }
 
-/// Point `index` of the R2 sequence (Roberts 2018, *The Unreasonable Effectiveness of Quasirandom Sequences*),
-/// shifted on the torus: low discrepancy, no tables.
+/// The plastic number, the root of x³ = x + 1.
+const PLASTIC: f64 = 1.324_717_957_244_746;
+/// Steps of the R2 sequence (Roberts 2018, *The Unreasonable Effectiveness of Quasirandom Sequences*).
+const R2: [f64; 2] = [1.0 / PLASTIC, 1.0 / (PLASTIC * PLASTIC)];
+
+/// `v` in `[0, 1)` and `shift` added on the torus. A sum of 1 or more in the target's precision wraps to a number below 1.
+fn on_torus(v: f64, shift: Real) -> Real {
+    let v = v as Real + shift;
+    v - v.floor()
+}
+
+/// Point `index` of the R2 sequence, shifted on the torus: low discrepancy, no tables.
 pub fn shifted_r2(index: u64, shift: [Real; 2]) -> [Real; 2] {
-    /// The plastic number, the root of x³ = x + 1.
-    const PLASTIC: f64 = 1.324_717_957_244_746;
-    let at = |a: f64, shift: Real| {
-        let v = (0.5 + (index + 1) as f64 * a).fract() as Real + shift;
-        // A sum of 1 or more in the target's precision wraps to a number below 1.
-        v - v.floor()
-    };
-    [
-        at(1.0 / PLASTIC, shift[0]),
-        at(1.0 / (PLASTIC * PLASTIC), shift[1]),
-    ]
+    [0, 1].map(|c: usize| on_torus((0.5 + (index + 1) as f64 * R2[c]).fract(), shift[c]))
+}
+
+/// Point `index` of the R2 sequence that begins at `first`, which is point 0.
+pub fn r2_from(first: [Real; 2], index: u32) -> [Real; 2] {
+    [0, 1].map(|c: usize| on_torus((f64::from(index) * R2[c]).fract(), first[c]))
 }

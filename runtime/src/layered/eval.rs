@@ -11,7 +11,7 @@ use super::interface::Scattered;
 use super::link::{Exit, Link};
 use super::phase::henyey_greenstein;
 use super::walk::{Dye, Segment};
-use crate::bsdf::usable;
+use crate::bsdf::{r2_from, usable};
 use crate::random::Rng;
 use crate::real::consts::FRAC_1_PI;
 use crate::real::{Real, Vec3};
@@ -35,16 +35,31 @@ impl Layered {
     ///
     /// Zero unless both directions are above the horizon.
     pub fn body(&self, wo: Vec3, wi: Vec3, rng: &mut Rng) -> Vec3 {
+        self.body_mean(wo, wi, 1, rng)
+    }
+
+    /// The same as a mean of `count` estimates, whose facets of entry and exit lie evenly: less noise than as many that know
+    /// nothing of each other.
+    pub fn body_mean(&self, wo: Vec3, wi: Vec3, count: u32, rng: &mut Rng) -> Vec3 {
         if !usable(wo) || !usable(wi) {
             return Vec3::ZERO;
         }
-        let (Some(o), Some(i)) = (self.enter(wo, rng.pair()), self.enter(wi, rng.pair())) else {
-            return Vec3::ZERO;
-        };
+        let (entry, exit) = (rng.pair(), rng.pair());
         let dye = self.dye();
-        let forth = self.connections(&o, &i, &dye, Some(1.0), rng);
-        let back = self.connections(&i, &o, &dye, Some(1.0), rng);
-        (forth + back) * (o.share * o.masking * i.share * i.masking * self.exit_scale(wi))
+        let mut sum = Vec3::ZERO;
+        for k in 0..count {
+            let facets = (
+                self.enter(wo, r2_from(entry, k)),
+                self.enter(wi, r2_from(exit, k)),
+            );
+            let (Some(o), Some(i)) = facets else {
+                continue;
+            };
+            let forth = self.connections(&o, &i, &dye, Some(1.0), rng);
+            let back = self.connections(&i, &o, &dye, Some(1.0), rng);
+            sum += (forth + back) * (o.share * o.masking * i.share * i.masking * self.exit_scale(wi));
+        }
+        sum / count as Real
     }
 
     /// An unbiased estimate of the density of [`crate::Bsdf::sample`] at `wi`, sr⁻¹, as it were without roulette.
