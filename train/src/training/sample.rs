@@ -27,8 +27,9 @@ use std::sync::Arc;
 const MAP_SHARE: f64 = 0.2;
 /// Weight of the map's distance while the density is trained: it keeps the map from wandering into folds.
 const MAP_WEIGHT: f64 = 0.3;
-/// Weight of the learned weight's squared error, relative to the albedo.
-const WEIGHT_WEIGHT: f64 = 0.5;
+/// Weight of the learned weight's squared error, relative to the albedo: squares of hundredths would count for nothing beside
+/// the density's absolute values.
+const WEIGHT_WEIGHT: f64 = 4.0;
 /// Weight of the squared deviation of the ratio, which is the variance of the exact weight.
 const VARIANCE_WEIGHT: f64 = 0.5;
 /// Ratios below this count linearly, so that a fold is pushed out instead of giving NaN.
