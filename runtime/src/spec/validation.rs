@@ -133,8 +133,8 @@ mod tests {
 
     /// A network of two charts with one input; `g` may be negative, `sigma_t` not.
     fn spec(role: Role, input: Input) -> NetworkSpec {
-        let json = r#"{"name": "varnish", "family": "layered", "alpha": 0.3, "sigma_t": {"min": 0, "max": 4},
-            "g": {"min": -0.5, "max": 0.9}}"#;
+        let json = r#"{"name": "varnish", "family": "layered", "alpha": 0.3, "eta": 1.4, "albedo": [0.9, 0.6, 0.3],
+            "base": [0.8, 0.5, 0.2], "sigma_t": {"min": 0, "max": 4}, "g": {"min": -0.5, "max": 0.9}}"#;
         NetworkSpec {
             format: FORMAT,
             role,
