@@ -117,8 +117,8 @@ impl<'a> Points<'a> {
 /// Runs the networks of one material on batches. Each array is a structure of arrays: one slice per
 /// component, all of the same length. Directions are unit vectors of the shading frame, away from the surface.
 ///
-/// A query whose `wo` (or `wi`) is not finite or not above the horizon gives zeros and `wi` = (0, 0, 1).
-/// Outputs are always finite.
+/// A query whose `wo` (or `wi`) is not finite or not above the horizon, or one of whose parameters is not finite, gives zeros
+/// and `wi` = (0, 0, 1). Outputs are always finite, also for finite parameters outside of their ranges and for any u.
 ///
 /// # Errors
 /// Every method returns [`Error::BatchLength`] when slices differ in length; onnxruntime may add its own.

@@ -1,8 +1,7 @@
 //! From a material with free ranges to one whose every parameter has a value, and to its reference model.
 
-use crate::conductor::Conductor;
 use crate::error::{Error, Result, check, component};
-use crate::family::{Family, Kind};
+use crate::family::Kind;
 use crate::field::Fields;
 use crate::material::Material;
 use crate::reference::Reference;
@@ -151,26 +150,6 @@ impl Material {
         Reference::new(self)
     }
 
-    /// The reference model of a conductor with every parameter fixed: what can be baked so far.
-    ///
-    /// # Errors
-    /// [`Error::Parameter`] for another family, and as [`Material::reference`].
-    pub fn conductor(&self) -> Result<Conductor> {
-        // Another family says so even where it leaves something free.
-        let reference = match self.family {
-            Family::Conductor => Some(self.reference()?),
-            _ => None,
-        };
-        let conductor = reference.as_ref().and_then(Reference::as_conductor);
-        conductor.cloned().ok_or_else(|| {
-            let reason = format!(
-                "is \"{}\", but only materials of the family `conductor` can be baked so far",
-                self.family.name()
-            );
-            Error::parameter("family", reason)
-        })
-    }
-
     /// The `N` fixed values of the parameter called `name`.
     ///
     /// # Errors
@@ -194,6 +173,7 @@ impl Material {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::family::Family;
 
     fn conductor(alpha: [Scalar; 2], reflectance: [Scalar; 3]) -> Material {
         Material {
@@ -303,11 +283,5 @@ mod tests {
         assert!(middle.free().is_empty());
         let alpha = Setting::Numbers(vec![Scalar::Fixed(0.255), Scalar::Fixed(0.1)]);
         assert_eq!(middle.get("alpha"), Some(&alpha));
-    }
-
-    #[test]
-    fn only_conductors_can_be_baked() {
-        let plastic = Material::fixed("plastic", Family::Principled, &[]).expect("all defaults");
-        refused(plastic.conductor(), &["`family`: is \"principled\""]);
     }
 }

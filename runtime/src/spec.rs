@@ -1,6 +1,11 @@
 //! The one description of a network: input order, encodings, widths, activations, heads, frame and metadata.
 //! It travels as JSON in the safetensors `__metadata__` and in the ONNX `metadata_props`.
 
+mod role;
+mod validation;
+
+pub use role::{Port, Role, params_port};
+
 use crate::anchor::Anchor;
 use crate::encoding::{Encoding, Quantity, Scale};
 use crate::frame::FRAME_OUTPUTS;
@@ -33,106 +38,6 @@ pub const SHARE_MIN: f64 = 1.0 / 64.0;
 
 /// Smallest height of a direction that a disk head gives: positions on the rim of the disk and outside of it go there.
 pub const DISK_HEIGHT_MIN: f64 = 1e-3;
-
-/// What a network is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Role {
-    /// (parameters, wo, u) ↦ wi, learned weight RGB, signed Jacobian: see [`Geometry`] for the outputs.
-    Sample,
-    /// (parameters, wo, wi) ↦ f_cos RGB.
-    Eval,
-    /// (parameters, wo, wi) ↦ pdf.
-    Pdf,
-}
-
-impl Role {
-    /// All roles, in the order in which a material's files are listed.
-    pub const ALL: [Role; 3] = [Role::Sample, Role::Eval, Role::Pdf];
-
-    /// Stem of the files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Role::Sample => "sample",
-            Role::Eval => "eval",
-            Role::Pdf => "pdf",
-        }
-    }
-
-    /// Inputs of the exported graph after the parameters, in order; each is a float tensor `[N, width]`. Where parameters
-    /// are free, `params` `[N, number of free scalars]` ([`params_port`]) comes before them.
-    pub fn graph_inputs(self) -> &'static [Port; 2] {
-        match self {
-            Role::Sample => &[WO_PORT, U_PORT],
-            Role::Eval | Role::Pdf => &[WO_PORT, WI_PORT],
-        }
-    }
-
-    /// Outputs of the exported graph, in order; each is a float tensor `[N, width]`.
-    pub fn graph_outputs(self) -> &'static [Port] {
-        match self {
-            Role::Sample => &[WI_PORT, WEIGHT_PORT, JACOBIAN_PORT],
-            Role::Eval => &[F_COS_PORT],
-            Role::Pdf => &[PDF_PORT],
-        }
-    }
-}
-
-/// The graph input that holds `count` free parameters.
-pub fn params_port(count: usize) -> Port {
-    Port {
-        name: "params",
-        width: count,
-        doc: "Values of the free parameters, in the order of the specification's material.",
-    }
-}
-
-/// One input or output of an exported graph.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Port {
-    /// Name of the tensor.
-    pub name: &'static str,
-    /// Number of columns.
-    pub width: usize,
-    /// What it holds, with its unit; stands in the ONNX file.
-    pub doc: &'static str,
-}
-
-const WO_PORT: Port = Port {
-    name: "wo",
-    width: 3,
-    doc: "Unit direction to the camera, shading frame (z = normal), away from the surface.",
-};
-const WI_PORT: Port = Port {
-    name: "wi",
-    width: 3,
-    doc: "Unit direction to the light, shading frame (z = normal), away from the surface.",
-};
-const U_PORT: Port = Port {
-    name: "u",
-    width: 2,
-    doc: "Two uniform numbers in [0, 1).",
-};
-const WEIGHT_PORT: Port = Port {
-    name: "weight",
-    width: 3,
-    doc: "Learned f·cos θ_i / pdf of wi, RGB, dimensionless, not negative.",
-};
-const JACOBIAN_PORT: Port = Port {
-    name: "jacobian",
-    width: 1,
-    doc: "Signed determinant of u ↦ solid angle of wi, sr; f·cos θ_i times this is an unbiased weight.",
-};
-const F_COS_PORT: Port = Port {
-    name: "f_cos",
-    width: 3,
-    doc: "BSDF times cos θ_i, RGB, per steradian.",
-};
-const PDF_PORT: Port = Port {
-    name: "pdf",
-    width: 1,
-    doc: "Learned density of wi per steradian, for weights of multiple importance sampling; never divide by it.",
-};
 
 /// Nonlinearity of the hidden layers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -331,105 +236,7 @@ impl NetworkSpec {
             .map(|(i, o)| (i + 1) * o)
             .sum()
     }
-
-    /// Checks everything that the types leave open.
-    ///
-    /// # Errors
-    /// What is wrong, for the caller to name the file.
-    pub fn validate(&self) -> Result<(), String> {
-        self.material.validate().map_err(|e| e.to_string())?;
-        let free = self.material.free().len();
-        let sizes = |what: &str, hidden: &[usize], inputs: &[Input]| {
-            if hidden.len() > DEPTH_MAX || hidden.iter().any(|w| !(1..=WIDTH_MAX).contains(w)) {
-                return Err(format!(
-                    "its {what} layers are not 1..{WIDTH_MAX} wide and at most {DEPTH_MAX} deep"
-                ));
-            }
-            match inputs.len() {
-                1..=INPUTS_MAX => Ok(()),
-                n => Err(format!("its {what} has {n} inputs, expected 1..{INPUTS_MAX}")),
-            }
-        };
-        sizes("hidden", &self.hidden, &self.inputs)?;
-        for input in &self.inputs {
-            self.check(input, free, false)?;
-        }
-        let Some(charts) = self.charts() else {
-            return Ok(());
-        };
-        sizes("frame network's", &charts.hidden, &charts.inputs)?;
-        for input in &charts.inputs {
-            self.check(input, free, true)?;
-        }
-        if !(1..=CHARTS_MAX).contains(&charts.anchors.len()) {
-            return Err(format!(
-                "it has {} charts, expected 1..{CHARTS_MAX}",
-                charts.anchors.len()
-            ));
-        }
-        for alpha in charts.alpha {
-            let sound = match alpha {
-                Roughness::Fixed(value) => value > 0.0 && value.is_finite(),
-                Roughness::Free {
-                    parameter,
-                    factor,
-                    power,
-                } => parameter < free && factor > 0.0 && factor.is_finite() && (1..=2).contains(&power),
-            };
-            if !sound {
-                return Err(format!("its charts cannot start from the roughness {alpha:?}"));
-            }
-        }
-        Ok(())
-    }
-
-    /// Checks one input of the network, or of its frame network.
-    fn check(&self, input: &Input, free: usize, of_frame: bool) -> Result<(), String> {
-        let charts = self.charts().map_or(0, |c| c.anchors.len());
-        let (sampling, density) = (
-            self.role == Role::Sample && !of_frame,
-            self.role != Role::Sample && !of_frame,
-        );
-        let known = match input.quantity {
-            Quantity::U => {
-                sampling
-                    && matches!(
-                        input.encoding,
-                        Encoding::Centred
-                            | Encoding::Frequency(_)
-                            | Encoding::OneBlob(_)
-                            | Encoding::Identity
-                    )
-            }
-            Quantity::Chart => sampling && charts > 1,
-            Quantity::WiDisk => density,
-            Quantity::Local(chart) => density && chart < charts,
-            Quantity::Anchor => charts > 0,
-            Quantity::Parameter(parameter) => parameter < free,
-            Quantity::Wo | Quantity::WoDisk => true,
-        };
-        // The derivatives by u are those of the encodings alone.
-        let scaled = input.quantity != Quantity::U || input.scale == Scale::None;
-        match known && scaled && input.scale.is_sound() && input.encoding.suits(input.quantity.scalars()) {
-            true => Ok(()),
-            false => Err(format!(
-                "{} {} network cannot take {:?}, scaled {:?}, as {:?}",
-                if self.role == Role::Eval { "an" } else { "a" },
-                self.role.name(),
-                input.quantity,
-                input.scale,
-                input.encoding
-            )),
-        }
-    }
 }
-
-/// Widest layer a file may declare; the presets stay below 256.
-const WIDTH_MAX: usize = 4096;
-/// Deepest network a file may declare.
-const DEPTH_MAX: usize = 64;
-/// Most inputs a file may declare: the widest preset has 8 parameters and 4 more.
-const INPUTS_MAX: usize = 64;
 
 fn chain(inputs: usize, hidden: &[usize], outputs: usize) -> Vec<(usize, usize)> {
     let mut widths = vec![inputs];

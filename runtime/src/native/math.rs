@@ -41,7 +41,7 @@ fn exp2_parts<V: Vector>(rounded: V, fraction: V) -> V {
     series.mul_add_const(fraction, 1.0).scale_exponent(rounded)
 }
 
-/// eˣ for |x| ≤ [`EXP_MAX`], within 3 ULP.
+/// eˣ for |x| ≤ `EXP_MAX`, within 3 ULP.
 #[inline(always)]
 pub fn exp<V: Vector>(x: V) -> V {
     let rounded = x.mul_add_const(x.splat(LOG2_E), ROUND);
@@ -51,7 +51,7 @@ pub fn exp<V: Vector>(x: V) -> V {
     exp2_parts(rounded, rest * x.splat(LOG2_E))
 }
 
-/// σ(x) = 1/(1 + e⁻ˣ) for any x, within 3e-7 absolutely; saturates beyond |x| = [`EXP_MAX`].
+/// σ(x) = 1/(1 + e⁻ˣ) for any x, within 3e-7 absolutely; saturates beyond |x| = `EXP_MAX`.
 ///
 /// The reduction of x is rounded, which costs relative accuracy where σ vanishes and nothing in x·σ(x).
 #[inline(always)]
@@ -112,7 +112,7 @@ pub fn half_turns<V: Vector>(x: V) -> (V, V) {
     )
 }
 
-/// 1 − e⁻ˣ for |x| ≤ [`EXP_MAX`], within 6 ULP: what [`exp`] would lose next to 0 stays.
+/// 1 − e⁻ˣ for |x| ≤ `EXP_MAX`, within 6 ULP: what [`exp`] would lose next to 0 stays.
 #[inline(always)]
 pub fn decay<V: Vector>(x: V) -> V {
     let x = -x;

@@ -89,7 +89,7 @@ pub trait Vector:
     /// `yes` where `mask` holds, `no` elsewhere.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
 
-    /// self·2ⁿ for `rounded` = n + [`ROUND`], as long as self and the result are normal numbers.
+    /// self·2ⁿ for `rounded` = n + `ROUND`, as long as self and the result are normal numbers.
     fn scale_exponent(self, rounded: Self) -> Self;
 
     /// (e, m) with self = m·2ᵉ and m in `[√½, √2)`, for positive normal numbers.

@@ -70,7 +70,9 @@ pub fn render(scene: &Scene, settings: &RenderSettings) -> Image {
             .as_ref()
             .filter(|m| m.name == name)
             .expect("a material of the scene");
-        Ok(Box::new(CosineBackend(material.conductor()?)))
+        let reference = material.reference()?;
+        let conductor = reference.as_conductor().expect("the tests bake conductors");
+        Ok(Box::new(CosineBackend(conductor.clone())))
     };
     let image =
         bake_scenes::render(scene, settings, &backend, &|_, _| ControlFlow::Continue(())).expect("renders");

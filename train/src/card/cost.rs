@@ -182,3 +182,67 @@ impl Laps {
         all.get(all.len() / 2).map(|s| s * 1e9 / BATCH as f64)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::card::Mixture;
+    use crate::card::fake::{Damage, Fake};
+    use bake_runtime::{Backend, Family};
+    use serde_json::Value;
+
+    #[test]
+    fn every_key_is_a_number_or_null_where_nothing_runs() {
+        let given: [(&str, &[f64]); 2] = [("alpha", &[0.3, 0.1]), ("reflectance", &[1.0, 0.782, 0.344])];
+        let material = Material::fixed("vase", Family::Conductor, &given).expect("valid parameters");
+        let fake =
+            || -> bake_runtime::Result<Box<dyn Backend>> { Ok(Box::new(Fake::new(&material, Damage::None))) };
+        let mixture = || -> bake_runtime::Result<Mixture> {
+            let mut fake = Fake::new(&material, Damage::None);
+            Ok(Box::new(move |points, u, wi, jacobian| {
+                fake.sample_jacobian(points, u, wi, jacobian)?;
+                Ok(0)
+            }))
+        };
+        let alone = Runners {
+            tier: "none",
+            native: &fake,
+            ort: None,
+            mixture: None,
+        };
+        let with_others = Runners {
+            ort: Some(&fake),
+            mixture: Some(&mixture),
+            ..alone
+        };
+        for (runners, nulls) in [
+            (
+                alone,
+                &["ort_sample_ns", "percent_of_fma_peak", "sample_mixture_ns"][..],
+            ),
+            (with_others, &["percent_of_fma_peak"]),
+        ] {
+            let found = cost(&material, &runners).expect("it runs");
+            assert_eq!((found.threads, found.batch, &found.tier[..]), (1, BATCH, "none"));
+            let Ok(Value::Object(keys)) = serde_json::to_value(&found) else {
+                panic!("no object: {found:?}");
+            };
+            let mut null = Vec::new();
+            let mut timed = 0;
+            for (key, value) in &keys {
+                match value.as_f64() {
+                    _ if value.is_null() => null.push(key.as_str()),
+                    // Infinite ones would be null as well.
+                    Some(ns) if key.ends_with("_ns") => {
+                        assert!(ns > 0.0, "{key}: {ns}");
+                        timed += 1;
+                    }
+                    _ => {}
+                }
+            }
+            null.sort_unstable();
+            assert_eq!(null, nulls);
+            assert_eq!(timed, 10 - nulls.len());
+        }
+    }
+}

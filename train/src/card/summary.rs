@@ -56,7 +56,7 @@ pub struct StratumErrors {
     pub chi2_effect: Spread,
     /// ∫|f̂ − f|cos / ∫f cos.
     pub eval_rel_l1: Spread,
-    /// Mean of the loss that the paper trains with: see [`super::densities::smape`].
+    /// Mean of the loss that the paper trains with, ‖p − t‖₁ / (‖p‖₁ + ‖t‖₁ + ε) over the channels (Bai et al. 2023, §5.2).
     pub eval_smape: f64,
     /// ∫ pdf dω.
     pub pdf_integral: Spread,

@@ -5,8 +5,10 @@
 //!
 //! **Noise.** Values of the stochastic models are estimates. A loss whose gradient is not linear in its target, as that of
 //! every L1 or logarithmic one, leads to another number than their mean: to the median or to the mean logarithm. Here the
-//! loss is ((f̂ − f)/s)² with a scale s that does not know f: its gradient is linear in f, and its minimum lies at the mean
-//! (Lehtinen et al. 2018, *Noise2Noise*, §3.1, has the same loss for rendered pictures).
+//! loss is ((f̂ − f)/s)² with a scale s that does not know f (Lehtinen et al. 2018, *Noise2Noise*, §3.1, has the same loss
+//! for rendered pictures). s is made of f̂, but counts as a constant in the gradient, which is therefore linear in f and
+//! vanishes on average where f̂ is the mean of f, and only there. With s differentiated as well the minimum would lie at
+//! E f²/E f, above the mean.
 
 use super::data::{Pick, TrainingSet};
 use super::fresh::{Evaluation, Evaluations, Fresh};
@@ -26,6 +28,9 @@ use bake_runtime::{Material, NetworkSpec, Rng};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
+
+#[cfg(test)]
+mod tests;
 
 /// Share of the level of the light that the scale of an error never falls below.
 const LEVEL_SHARE: f32 = 0.1;
@@ -75,7 +80,7 @@ struct EvalLoss {
 }
 
 impl EvalLoss {
-    /// Loss of one evaluation and its gradient by the outputs.
+    /// Loss of one evaluation and its gradient by the outputs, the scale a constant.
     fn of(&self, value: &Evaluation, outputs: &[f32], gradient: &mut [f32]) -> f64 {
         let mut predicted = [[0f32; 3]; CHARTS_MAX];
         let mut total = [LEVEL_SHARE * value.level; 3];
