@@ -36,8 +36,8 @@ const VARIANCE_WEIGHT: f64 = 0.5;
 const RATIO_FLOOR: f64 = 1e-2;
 /// Deviations above this count linearly: they are rare, and would only add noise.
 const RATIO_BEND: f64 = 2.0;
-/// Learned weights aim at most at this many albedos. Less would cut off what channels have that are dark but for grazing
-/// light: at 5, reflectances below a hundredth lost a quarter of their light.
+/// Learned weights aim at most at this many albedos. Less would cut off the tails that dark channels have: with 5 the worst
+/// channel at the held-out places of the wide conductor lost 23 % of its light.
 const WEIGHT_MAX: f64 = 1000.0;
 
 /// Features of u, the centred numbers, in front of those of the place.
