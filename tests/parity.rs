@@ -30,6 +30,9 @@ const QUERIES: usize = 1_000_000;
 const RANDOM_QUERIES: usize = 5_000;
 /// Fixed vectors for Python: small enough for a readable file, large enough for every stratum.
 const VECTORS: usize = 256;
+/// Queries that they are chosen from: frequencies up to 2¹¹π, as the paper's preset has them, carry a rounding of `wo` past what
+/// Python tolerates in three of four answers.
+const CANDIDATES: usize = 8 * VECTORS;
 
 #[test]
 fn native_and_onnxruntime_agree_on_a_million_queries_of_every_material_that_ships() {
@@ -152,7 +155,7 @@ fn agree(folder: &Path, count: usize) {
 
 /// [`VECTORS`] queries whose answers rounding does not move by more than half of what Python tolerates.
 fn steady_queries(material: &BakedMaterial, seed: u64) -> Queries {
-    let mut queries = Queries::new(material, 2 * VECTORS, seed);
+    let mut queries = Queries::new(material, CANDIDATES, seed);
     let steady: Vec<usize> = (0..queries.len())
         .filter(|&i| {
             let query = queries.at(i);
@@ -164,11 +167,7 @@ fn steady_queries(material: &BakedMaterial, seed: u64) -> Queries {
         })
         .take(VECTORS)
         .collect();
-    assert_eq!(
-        steady.len(),
-        VECTORS,
-        "answers of half of all queries hang on rounding"
-    );
+    assert_eq!(steady.len(), VECTORS, "too many answers hang on rounding");
     let columns = queries.params.iter_mut().chain(&mut queries.wo);
     for column in columns.chain(&mut queries.u).chain(&mut queries.wi) {
         *column = steady.iter().map(|&i| column[i]).collect();
