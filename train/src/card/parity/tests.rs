@@ -188,8 +188,8 @@ fn the_rim_of_the_disk_is_left_out() {
     let given: [(&str, &[f64]); 1] = [("roughness", &[0.3])];
     let mut material = networks(Preset::Paper, Family::Principled, &given, 4.0);
     if let Some(last) = material.sample.net.last_mut() {
-        // x = 0.83 and y = 0.54, right at the rim.
-        last.bias[..2].copy_from_slice(&[2.4, 1.2]);
+        // Means of x = 0.72 and y = 0.42: what outputs add takes some positions to the rim, and leaves others inside.
+        last.bias[..2].copy_from_slice(&[1.8, 0.9]);
     }
     let q = Queries::new(&material.sample.spec.material);
     let left = (0..QUERIES).filter(|i| q.truth(&material, *i).is_none()).count();
