@@ -1,16 +1,19 @@
 //! Samples of the shipped baked maps, binned, match the reference; a damaged map does not. A material that fixes its
 //! parameters gets as much from a network of a quarter.
 
+#[path = "support/shipped.rs"]
+mod shipped;
+
 use bake_runtime::bsdf::{direction, shifted_r2};
 use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::{Backend, BakedMaterial, Material, Points, Scalar};
+use bake_train::card::StratumErrors;
 use bake_train::card::bins::{SIDE, l1};
 use bake_train::card::heldout;
 use bake_train::card::measure::BINNING_POINTS;
 use bake_train::card::truth::Truth;
-use bake_train::card::{Card, StratumErrors};
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+use shipped::{card, folder};
 
 /// What the card of the shipped vase must keep to for θ_o ≤ 75°: 4 % of the samples in the wrong bin.
 const BINNING_LIMIT: f64 = 0.04;
@@ -21,16 +24,8 @@ const BIAS_LIMIT: f64 = 5e-4;
 /// The damage: the last layer's first row scaled by this, a map that does not move its samples far enough.
 const DAMAGE: f32 = 0.5;
 
-fn shipped(name: &str) -> (PathBuf, BakedMaterial) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("scenes/materials")
-        .join(name);
-    let material = BakedMaterial::load(&folder).expect("the shipped material loads");
-    (folder, material)
-}
-
-fn vase() -> (PathBuf, BakedMaterial) {
-    shipped("vase")
+fn load(name: &str) -> BakedMaterial {
+    BakedMaterial::load(&folder(name)).expect("the shipped material loads")
 }
 
 /// The values of all parameters of `material`, which leaves none free, in the order of the family.
@@ -44,11 +39,6 @@ fn values(material: &Material) -> Vec<f64> {
         .flat_map(|(_, setting)| setting.scalars())
         .map(fixed)
         .collect()
-}
-
-fn card(folder: &Path) -> Card {
-    let text = std::fs::read_to_string(folder.join("card.json")).expect("the shipped vase has a card");
-    serde_json::from_str(&text).expect("the card has every key")
 }
 
 /// Binning L1 of the sampling network at `wo` for the values `params` of its free parameters, and the floor of that measure.
@@ -89,8 +79,7 @@ fn binning_l1(material: &BakedMaterial, params: &[f64], wo: DVec3) -> (f64, f64)
 
 #[test]
 fn samples_match_the_reference_within_the_cards_limit() {
-    let (folder, material) = vase();
-    let card = card(&folder);
+    let (material, card) = (load("vase"), card("vase"));
     for (name, places) in heldout::places(&material.sample.spec.material).expect("few free parameters") {
         let stated: &StratumErrors = &card.errors[&name];
         let some: Vec<DVec3> = places.into_iter().step_by(4).map(|place| place.wo).collect();
@@ -114,9 +103,9 @@ fn samples_match_the_reference_within_the_cards_limit() {
 
 #[test]
 fn a_damaged_map_fails() {
-    let (folder, mut material) = vase();
+    let mut material = load("vase");
     // Tighter than the limit on the mean: what the worst held-out direction scores, and the subset's slack.
-    let limit = SUBSET_FACTOR * card(&folder).errors["theta_0_75"].binning_l1.worst;
+    let limit = SUBSET_FACTOR * card("vase").errors["theta_0_75"].binning_l1.worst;
     assert!(limit <= BINNING_LIMIT);
     let wo = direction(40.0, 30.0);
     let (sound, _) = binning_l1(&material, &[], wo);
@@ -135,7 +124,7 @@ fn a_damaged_map_fails() {
 /// What a scene gains that bakes only what it uses.
 #[test]
 fn the_vase_needs_a_quarter_of_the_wide_conductors_network_and_is_as_good() {
-    let (vase, wide) = (vase().1, shipped("conductor").1);
+    let (vase, wide) = (load("vase"), load("conductor"));
     let (small, large) = (&vase.sample.spec, &wide.sample.spec);
     assert!(
         4 * small.macs() <= large.macs(),
@@ -158,8 +147,7 @@ fn the_vase_needs_a_quarter_of_the_wide_conductors_network_and_is_as_good() {
 
 #[test]
 fn the_card_keeps_to_its_limits() {
-    let (folder, _) = vase();
-    let card = card(&folder);
+    let card = card("vase");
     let near = &card.errors["theta_0_75"];
     assert!(near.binning_l1.mean <= BINNING_LIMIT);
     assert!(near.binning_floor <= BINNING_LIMIT / 4.0);

@@ -7,6 +7,7 @@ mod complaint;
 mod program;
 
 use bake_scenes::grey_picture::read_grey;
+use bake_train::card::heldout::STRATA;
 use complaint::complains;
 use program::{SCENE, Studio, finish};
 use serde_json::Value;
@@ -17,8 +18,6 @@ use std::time::Duration;
 const PATIENCE: Duration = Duration::from_secs(600);
 /// The copy of the shipped networks in a [`Studio`].
 const MODEL: &str = "baked";
-/// The strata of the held-out places.
-const STRATA: [&str; 3] = ["theta_0_75", "theta_75_85", "theta_85_89"];
 /// Steps of the flow: some have no effect on a network that is warmed up over as many.
 const STEPS: u64 = 120;
 /// Smallest sides of a picture of a slice and three samplers, in columns of at least this many pixels.

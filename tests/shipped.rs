@@ -1,12 +1,15 @@
 //! The networks that ship are those of today's presets for the materials of today's files, and their cards keep to what is
 //! claimed of them. That cards tell the truth is what `tests/binning.rs` measures.
 
+#[path = "support/shipped.rs"]
+mod shipped;
+
 use bake_runtime::{BakedMaterial, Role};
 use bake_scenes::material_file::load_material;
-use bake_train::card::Card;
+use bake_train::card::heldout::STRATA;
 use bake_train::presets::Preset;
+use shipped::{card, folder};
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
 
 /// The networks that ship: materials, and their presets.
 const SHIPPED: [(&str, &[Preset]); 3] = [
@@ -55,11 +58,7 @@ const PDF_INTEGRAL: [f64; 2] = [0.02, 0.06];
 /// The exact weight's mean bias where its standard error is smaller.
 const EXACT_BIAS: f64 = 5e-4;
 /// Strata of [`Limits`].
-const NEAR_AND_GRAZING: [&str; 2] = ["theta_0_75", "theta_85_89"];
-
-fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/materials")
-}
+const NEAR_AND_GRAZING: [&str; 2] = [STRATA[0], STRATA[2]];
 
 fn name(material: &str, preset: Preset) -> String {
     match preset {
@@ -68,15 +67,9 @@ fn name(material: &str, preset: Preset) -> String {
     }
 }
 
-fn card(name: &str) -> Card {
-    let path = folder().join(name).join("card.json");
-    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    serde_json::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
-}
-
 #[test]
 fn nothing_else_ships() {
-    let entries = std::fs::read_dir(folder()).expect("materials are part of the tree");
+    let entries = std::fs::read_dir(folder("")).expect("materials are part of the tree");
     let folders = entries
         .map(|entry| entry.expect("readable").path())
         .filter(|path| path.is_dir());
@@ -97,10 +90,10 @@ fn nothing_else_ships() {
 #[test]
 fn networks_are_of_todays_presets_and_files() {
     for (material, presets) in SHIPPED {
-        let file = load_material(&folder().join(format!("{material}.toml"))).expect("its own file");
+        let file = load_material(&folder("").join(format!("{material}.toml"))).expect("its own file");
         for &preset in presets {
             let name = name(material, preset);
-            let baked = BakedMaterial::load(&folder().join(&name)).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let baked = BakedMaterial::load(&folder(&name)).unwrap_or_else(|e| panic!("{name}: {e}"));
             for (role, network) in [
                 (Role::Sample, &baked.sample),
                 (Role::Eval, &baked.eval),
@@ -167,7 +160,7 @@ fn cards_of_the_warp_preset_keep_to_their_limits() {
 #[test]
 fn what_ships_is_small() {
     let mut bytes = 0;
-    for entry in std::fs::read_dir(folder()).expect("materials are part of the tree") {
+    for entry in std::fs::read_dir(folder("")).expect("materials are part of the tree") {
         let path = entry.expect("readable").path();
         if path.is_dir() {
             let files = std::fs::read_dir(path).expect("readable");

@@ -58,6 +58,7 @@ fn count(extra: f64, explained: f64) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bsdf::Estimate;
     use crate::conductor::Conductor;
     use crate::layered::Layered;
     use crate::moments::Moments;
@@ -76,6 +77,14 @@ mod tests {
         (wo, DVec3::new(0.2, -0.6, 0.7).normalize())
     }
 
+    /// Mean and standard error of [`DRAWS`] draws.
+    fn estimate(draw: &dyn Fn(&mut Rng) -> DVec3, key: u64) -> Estimate {
+        let mut rng = Rng::new(&[key]);
+        let mut moments = Moments::default();
+        (0..DRAWS).for_each(|_| moments.add(draw(&mut rng)));
+        moments.estimate()
+    }
+
     #[test]
     fn its_mean_is_that_of_eval_and_its_noise_is_less() {
         let conductor = Conductor::new([0.3, 0.1], [1.0, 0.782, 0.344]).expect("valid parameters");
@@ -83,12 +92,6 @@ mod tests {
         let (wo, wi) = directions();
         let jacobian = -0.7;
         for reference in [Reference::Conductor(conductor), Reference::Layered(layered)] {
-            let estimate = |draw: &dyn Fn(&mut Rng) -> DVec3, key: u64| {
-                let mut rng = Rng::new(&[key]);
-                let mut moments = Moments::default();
-                (0..DRAWS).for_each(|_| moments.add(draw(&mut rng)));
-                moments.estimate()
-            };
             let weight = estimate(&|rng| exact_weight(&reference, wo, wi, jacobian, rng), 1);
             let eval = estimate(&|rng| reference.eval(wo, wi, rng) * jacobian, 2);
             for c in 0..3 {
@@ -106,12 +109,6 @@ mod tests {
     fn even_walks_are_less_noisy_than_independent_ones_and_have_their_mean() {
         let conductor = Conductor::new([0.3, 0.1], [1.0, 0.782, 0.344]).expect("valid parameters");
         let (wo, wi) = directions();
-        let estimate = |draw: &dyn Fn(&mut Rng) -> DVec3, key: u64| {
-            let mut rng = Rng::new(&[key]);
-            let mut moments = Moments::default();
-            (0..DRAWS).for_each(|_| moments.add(draw(&mut rng)));
-            moments.estimate()
-        };
         let even = estimate(&|rng| conductor.multiple_mean(wo, wi, 4, rng), 4);
         let alone = estimate(&|rng| conductor.multiple(wo, wi, rng), 5);
         for c in 0..3 {

@@ -12,6 +12,9 @@ use bake_train::presets::Preset;
 use std::path::Path;
 use std::time::Instant;
 
+/// Where checkpoints lie in the folder of a model.
+pub const CHECKPOINTS: &str = "checkpoints";
+
 /// What is baked, how, and where to.
 pub struct Order<'a> {
     /// The material.
@@ -47,7 +50,7 @@ impl Order<'_> {
     /// Bakes, saves, exports, draws the learning curves and checks.
     pub fn fill(self, stages: &Stages) -> Result<(Card, Took)> {
         let folder = self.folder;
-        let work = folder.join("checkpoints");
+        let work = folder.join(CHECKPOINTS);
         if !self.resume && work.exists() {
             std::fs::remove_dir_all(&work)
                 .with_context(|| format!("{}: cannot start over", work.display()))?;

@@ -11,13 +11,8 @@ use std::path::Path;
 /// The picture in the folder of a model.
 pub const CURVES_FILE: &str = "curves.png";
 
-/// Networks in the order of their training, and the names of their runs.
-const NETWORKS: [(Stage, &str); 4] = [
-    (Stage::Charts, "charts"),
-    (Stage::Sample, "sample"),
-    (Stage::Eval, "eval"),
-    (Stage::Pdf, "pdf"),
-];
+/// Stages that train a network, in their order.
+const NETWORKS: [Stage; 4] = [Stage::Charts, Stage::Sample, Stage::Eval, Stage::Pdf];
 
 /// Draws what learning curves of `preset` lie in `work` as [`CURVES_FILE`] in `folder`; nothing where there are none.
 ///
@@ -25,8 +20,8 @@ const NETWORKS: [(Stage, &str); 4] = [
 /// Where a curve is damaged, or the picture cannot be written.
 pub fn draw(work: &Path, preset: Preset, folder: &Path) -> Result<()> {
     let mut panels = Vec::new();
-    for (stage, run) in NETWORKS {
-        let path = work.join(Curve::file_name(run));
+    for stage in NETWORKS {
+        let path = work.join(Curve::file_name(stage.key()));
         if path.exists() {
             panels.push(panel(stage, preset, &Curve::read(&path)?));
         }

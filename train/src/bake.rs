@@ -83,8 +83,8 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// Name in files.
-    fn key(self) -> &'static str {
+    /// Name in files: of its run, and of its learning curve.
+    pub fn key(self) -> &'static str {
         match self {
             Stage::Charts => "charts",
             Stage::Maps => "maps",
@@ -210,9 +210,11 @@ impl<'a> Oven<'a> {
             seed: self.seed,
         };
         let tick = self.tick(Stage::Maps);
-        let summary = self.timed(Stage::Maps, || maps::compute(&job, self.work, &tick))?;
-        let slices = database::load(self.work, places.len(), &job.fingerprint())?;
-        Ok((summary, slices))
+        self.timed(Stage::Maps, || {
+            let summary = maps::compute(&job, self.work, &tick)?;
+            let slices = database::load(self.work, places.len(), &job.fingerprint())?;
+            Ok((summary, slices))
+        })
     }
 
     fn warp(self) -> Result<Bake> {
@@ -237,7 +239,7 @@ impl<'a> Oven<'a> {
             )
         })?;
         let (summary, slices) = self.maps(&places, Charts::Predicted(&charts), Solver::Frame)?;
-        let set = Arc::new(TrainingSet::new(slices, &charts));
+        let set = self.timed(Stage::Sample, || Ok(Arc::new(TrainingSet::new(slices, &charts))))?;
         let sampler = self.timed(Stage::Sample, || {
             let tick = self.tick(Stage::Sample);
             sample::train(sample_spec, plan(Stage::Sample), &set, work, context, &tick)
@@ -269,7 +271,7 @@ impl<'a> Oven<'a> {
             false => Solver::Frame,
         };
         let (summary, slices) = self.maps(&places, Charts::Fitted, solver)?;
-        let set = Arc::new(DiskSet::new(slices, solver));
+        let set = self.timed(Stage::Sample, || Ok(Arc::new(DiskSet::new(slices, solver))))?;
         let (adam, ranger) = (
             (Rule::Adam, Schedule::Cosine),
             (Rule::Ranger, Schedule::FlatCosine),

@@ -94,8 +94,9 @@ impl<const C: usize> Spline<C> {
         Spline { cells, coefficients }
     }
 
-    /// Values at a place that was looked up for this number of cells, and their gradients per unit of the square.
-    #[inline]
+    /// Values at a place that was looked up for this number of cells, and their gradients per unit of the square. Inlined,
+    /// it leaves out what the caller does not use.
+    #[inline(always)]
     fn around(&self, patch: &Patch) -> [(f64, [f64; 2]); C] {
         let Patch {
             weights: [(wx, dx), (wy, dy)],
@@ -118,25 +119,6 @@ impl<const C: usize> Spline<C> {
         }
         let m = self.cells as f64;
         std::array::from_fn(|c| (value[c], [gx[c] * m, gy[c] * m]))
-    }
-
-    /// The values alone.
-    #[inline]
-    fn values(&self, patch: &Patch) -> [f64; C] {
-        let [(wx, _), (wy, _)] = &patch.weights;
-        let mut value = [0.0; C];
-        for (r, wy) in wy.iter().enumerate() {
-            let mut line = [0.0; C];
-            for (node, wx) in self.row(patch, r).iter().zip(wx) {
-                for c in 0..C {
-                    line[c] += wx * f64::from(node[c]);
-                }
-            }
-            for c in 0..C {
-                value[c] += wy * line[c];
-            }
-        }
-        value
     }
 
     /// The four coefficients of row `r` of `patch`.
@@ -227,7 +209,7 @@ impl<const C: usize> EdgeSpline<C> {
     /// The values alone.
     #[inline]
     pub fn values(&self, place: &EdgePlace) -> [f64; C] {
-        self.even.values(&place.patch)
+        self.even.around(&place.patch).map(|(value, _)| value)
     }
 
     /// The values at `s` (clamped to the square).

@@ -45,7 +45,7 @@ impl Layered {
             return Vec3::ZERO;
         }
         let (entry, exit) = (rng.pair(), rng.pair());
-        let dye = self.dye();
+        let (dye, scale) = (self.dye(), self.exit_scale(wi));
         let mut sum = Vec3::ZERO;
         for k in 0..count {
             let facets = (
@@ -57,7 +57,7 @@ impl Layered {
             };
             let forth = self.connections(&o, &i, &dye, Some(1.0), rng);
             let back = self.connections(&i, &o, &dye, Some(1.0), rng);
-            sum += (forth + back) * (o.share * o.masking * i.share * i.masking * self.exit_scale(wi));
+            sum += (forth + back) * (o.share * o.masking * i.share * i.masking * scale);
         }
         sum / count as Real
     }

@@ -2,11 +2,12 @@
 
 use super::Model;
 use crate::arguments::RivalsOptions;
+use crate::commands::baking::CHECKPOINTS;
 use crate::commands::{prepare_folder, write_json};
 use crate::output;
 use crate::progress::Stages;
 use anyhow::{Context, Result, bail};
-use bake_train::bake::Effort;
+use bake_train::bake::{Effort, Stage};
 use bake_train::card::TrainingCost;
 use bake_train::comparators::realnvp::training::{self, FlowSet, STAGE};
 use bake_train::comparators::realnvp::{RealNvp, couplings_of};
@@ -17,9 +18,7 @@ use bake_train::{database, places};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Checkpoints, maps and [`BUDGET_FILE`] in the folder of results, and where a bake keeps its own.
-const CHECKPOINTS: &str = "checkpoints";
-/// How the flow is trained: what `--resume` goes on with.
+/// How the flow is trained: what `--resume` goes on with; beside its maps and checkpoints in [`CHECKPOINTS`].
 const BUDGET_FILE: &str = "budget.json";
 /// Fewest steps of a flow: the rise of its learning rate, and as many again.
 const STEPS_MIN: u64 = 100;
@@ -78,7 +77,10 @@ pub struct Trained {
 
 /// How long the sampling network of `model` was trained, as far as anything tells.
 pub fn sampling_time(model: &Model) -> Option<Time> {
-    let curve = model.folder.join(CHECKPOINTS).join(Curve::file_name("sample"));
+    let curve = model
+        .folder
+        .join(CHECKPOINTS)
+        .join(Curve::file_name(Stage::Sample.key()));
     let cost = model.card.as_ref().and_then(|card| card.training.as_ref());
     match (curve_seconds(&curve), cost) {
         (Some(seconds), _) => Some(Time {

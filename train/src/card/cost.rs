@@ -187,14 +187,13 @@ impl Laps {
 mod tests {
     use super::*;
     use crate::card::Mixture;
-    use crate::card::fake::{Damage, Fake};
-    use bake_runtime::{Backend, Family};
+    use crate::card::fake::{Damage, Fake, vase};
+    use bake_runtime::Backend;
     use serde_json::Value;
 
     #[test]
     fn every_key_is_a_number_or_null_where_nothing_runs() {
-        let given: [(&str, &[f64]); 2] = [("alpha", &[0.3, 0.1]), ("reflectance", &[1.0, 0.782, 0.344])];
-        let material = Material::fixed("vase", Family::Conductor, &given).expect("valid parameters");
+        let material = vase();
         let fake =
             || -> bake_runtime::Result<Box<dyn Backend>> { Ok(Box::new(Fake::new(&material, Damage::None))) };
         let mixture = || -> bake_runtime::Result<Mixture> {

@@ -4,7 +4,7 @@ use crate::lobes::{LUMINANCE, Lobe, LobeSlice, direction_at};
 use crate::spline::{crowd, edge_cell_centre, edge_cell_weight};
 use crate::transport::marginal::MarginalMap;
 use bake_runtime::chart::Chart;
-use bake_runtime::{Backend, Material, Points, Reference, Result};
+use bake_runtime::{Backend, Family, Material, Points, Reference, Result};
 use glam::DVec3;
 
 /// Cells per side of the tables that the sampler inverts.
@@ -12,6 +12,12 @@ const CELLS: usize = 256;
 /// Walks behind its slices, and their seed.
 const WALKS: usize = 1 << 12;
 const SEED: u64 = 7;
+
+/// The gold of the scene `vase`, with every parameter fixed.
+pub fn vase() -> Material {
+    let given = [("alpha", &[0.3, 0.1][..]), ("reflectance", &[1.0, 0.782, 0.344])];
+    Material::fixed("vase", Family::Conductor, &given).expect("valid parameters")
+}
 
 /// What is wrong with a backend.
 #[derive(Clone, Copy, Debug, PartialEq)]

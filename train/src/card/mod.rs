@@ -8,7 +8,7 @@ pub mod bins;
 mod cost;
 mod densities;
 #[cfg(test)]
-mod fake;
+pub(crate) mod fake;
 pub mod heldout;
 pub mod judgement;
 pub mod measure;

@@ -44,6 +44,7 @@ impl SliceSampler for BakedSlice {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::card::fake::vase;
     use crate::card::heldout;
     use crate::card::truth::Truth;
     use crate::comparators::measure::measure;
@@ -51,7 +52,7 @@ mod tests {
     use crate::training::mlp::Mlp;
     use bake_runtime::bsdf::shifted_r2;
     use bake_runtime::native::{NativeBackend, Tier};
-    use bake_runtime::{BakedMaterial, Family, Material, Network, Rng, Role, oracle};
+    use bake_runtime::{BakedMaterial, Material, Network, Rng, Role, oracle};
 
     /// f32 layers against f64 ones: of a direction, and relative of an area on the disk, in which heights next to the
     /// horizon, which f32 knows badly, cancel.
@@ -59,11 +60,6 @@ mod tests {
     const AREA_TOL: f64 = 1e-3;
     /// Standard errors allowed: three comparisons exceed it by chance once in 50 000 runs.
     const SIGMAS: f64 = 4.5;
-
-    fn vase() -> Material {
-        let given = [("alpha", &[0.3, 0.1][..]), ("reflectance", &[1.0, 0.782, 0.344])];
-        Material::fixed("vase", Family::Conductor, &given).expect("valid parameters")
-    }
 
     /// Networks that nobody trained.
     fn untrained(preset: Preset, material: &Material) -> BakedMaterial {

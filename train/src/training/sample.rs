@@ -273,7 +273,9 @@ impl WarpLoss {
             .map(|(pick, warp)| EdgePlace::new(warp.h, entry(pick).cells));
         let places: Vec<EdgePlace> = places.collect();
         for ((pick, place), found) in picks.iter().zip(&places).zip(&mut found) {
-            found.log_density = entry(pick).log_density.around(place);
+            let [luminance, rgb @ ..] = entry(pick).log_density.around(place);
+            found.log_luminance = luminance;
+            found.log_f_cos = rgb.map(|(log, _)| log);
         }
         for ((pick, warp), found) in picks.iter().zip(warps).zip(&mut found) {
             found.other = self.other_light(entry(pick), warp);
@@ -287,8 +289,10 @@ impl WarpLoss {
 struct Found {
     /// Position that the importance map has.
     map: [f32; 2],
-    /// [`Entry::log_density`] with its gradients.
-    log_density: [(f64, [f64; 2]); 4],
+    /// Of [`Entry::log_density`] the luminance with its gradient.
+    log_luminance: (f64, [f64; 2]),
+    /// And the three channels of f_cos.
+    log_f_cos: [f64; 3],
     /// Light of the other lobe.
     other: DVec3,
 }
@@ -332,8 +336,7 @@ impl TileLoss for WarpLoss {
                 continue;
             }
             let entry = &self.set.entries[pick.entry];
-            let [luminance, r, g, b] = found.log_density;
-            let (value, by_g, by_slopes) = WarpLoss::density(luminance, warp);
+            let (value, by_g, by_slopes) = WarpLoss::density(found.log_luminance, warp);
             loss += value + MAP_WEIGHT * far;
             for c in 0..2 {
                 gradient.plane(0, c)[i] = (by_g[c] + MAP_WEIGHT * pull[c]) as f32;
@@ -341,7 +344,7 @@ impl TileLoss for WarpLoss {
                     gradient.plane(1 + j, c)[i] = *slope as f32;
                 }
             }
-            let own = DVec3::from_array([r, g, b].map(|(log, _)| log.exp()));
+            let own = DVec3::from_array(found.log_f_cos.map(f64::exp));
             let target = WarpLoss::weight(entry, warp, own, found.other);
             for c in 0..3 {
                 let weight = f64::from(outputs.plane(0, 2 + c)[i]).exp() / entry.albedo[c];

@@ -1,6 +1,7 @@
 //! Differences of known size between runners, and what is no difference: the rim of the disk.
 
 use super::*;
+use crate::card::fake;
 use crate::presets::Preset;
 use crate::training::mlp::Mlp;
 use bake_runtime::native::{NativeBackend, Tier};
@@ -19,11 +20,10 @@ const PLANTED_TOL: f64 = 1e-5;
 const SPOILT: usize = 5000;
 
 /// Untrained networks of `preset`; the outputs of the sampling network are `spread` times as large.
-fn networks(preset: Preset, family: Family, given: &[(&str, &[f64])], spread: f32) -> BakedMaterial {
-    let material = Material::fixed("m", family, given).expect("valid parameters");
+fn networks(preset: Preset, material: &Material, spread: f32) -> BakedMaterial {
     let mut rng = Rng::new(&[0x9a]);
     let mut network = |role: Role| {
-        let spec: NetworkSpec = preset.spec(role, &material).expect("can be baked");
+        let spec: NetworkSpec = preset.spec(role, material).expect("can be baked");
         let mut layers = |shapes: &[(usize, usize)]| Mlp::random(shapes, &mut rng).to_dense();
         // Without steering the charts are the analytic ones, the same for all three.
         let mut frame = match spec.frame_layers()[..] {
@@ -47,9 +47,12 @@ fn networks(preset: Preset, family: Family, given: &[(&str, &[f64])], spread: f3
     }
 }
 
-fn vase() -> BakedMaterial {
-    let given: [(&str, &[f64]); 2] = [("alpha", &[0.3, 0.1]), ("reflectance", &[1.0, 0.782, 0.344])];
-    networks(Preset::Warp, Family::Conductor, &given, 1.0)
+fn metal() -> BakedMaterial {
+    networks(Preset::Warp, &fake::vase(), 1.0)
+}
+
+fn lacquer() -> Material {
+    Material::fixed("lacquer", Family::Principled, &[("roughness", &[0.3])]).expect("valid parameters")
 }
 
 /// Answers as `own` does, but for something that is added to one number in the batch.
@@ -138,8 +141,7 @@ fn compared(material: &BakedMaterial, column: Option<usize>, by: f32) -> Parity 
 
 #[test]
 fn equal_runners_agree_and_are_near_the_oracle() {
-    let lacquer = networks(Preset::Warp, Family::Principled, &[("roughness", &[0.3])], 1.0);
-    for material in [vase(), lacquer] {
+    for material in [metal(), networks(Preset::Warp, &lacquer(), 1.0)] {
         let found = compared(&material, None, 0.0);
         assert_eq!(found.ort_vs_native_max, Some(0.0));
         assert_eq!(found.ort_vs_f64_max, Some(found.native_vs_f64_max));
@@ -150,7 +152,7 @@ fn equal_runners_agree_and_are_near_the_oracle() {
 
 #[test]
 fn one_wrong_number_anywhere_is_told_by_its_size() {
-    let material = vase();
+    let material = metal();
     for column in 0..OUTPUTS {
         let found = compared(&material, Some(column), PLANTED);
         assert!(found.native_vs_f64_max < CHARTS_TOL, "{found:?}");
@@ -167,7 +169,7 @@ fn one_wrong_number_anywhere_is_told_by_its_size() {
 
 #[test]
 fn without_a_second_runner_its_differences_are_null() {
-    let material = vase();
+    let material = metal();
     let native = || -> bake_runtime::Result<Box<dyn Backend>> {
         Ok(Box::new(NativeBackend::new(&material, Tier::best())?))
     };
@@ -185,8 +187,7 @@ fn without_a_second_runner_its_differences_are_null() {
 /// Positions on the rim of the disk are no difference between backends.
 #[test]
 fn the_rim_of_the_disk_is_left_out() {
-    let given: [(&str, &[f64]); 1] = [("roughness", &[0.3])];
-    let mut material = networks(Preset::Paper, Family::Principled, &given, 4.0);
+    let mut material = networks(Preset::Paper, &lacquer(), 4.0);
     if let Some(last) = material.sample.net.last_mut() {
         // Means of x = 0.72 and y = 0.42: what outputs add takes some positions to the rim, and leaves others inside.
         last.bias[..2].copy_from_slice(&[1.8, 0.9]);

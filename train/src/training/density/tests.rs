@@ -3,7 +3,9 @@
 use super::*;
 use crate::optimiser::Rule;
 use crate::training::schedule::Schedule;
+use bake_runtime::moments::Moments;
 use bake_runtime::spec::Activation;
+use glam::DVec3;
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
 
@@ -104,15 +106,10 @@ fn the_gradient_is_linear_in_the_target_and_zero_at_it() {
 
 /// Mean and standard error of `value`, a number per draw.
 fn mean(mut value: impl FnMut() -> f64) -> (f64, f64) {
-    let (mut sum, mut squares) = (0.0, 0.0);
-    for _ in 0..DRAWS {
-        let x = value();
-        sum += x;
-        squares += x * x;
-    }
-    let n = DRAWS as f64;
-    let mean = sum / n;
-    (mean, ((squares / n - mean * mean) / n).sqrt())
+    let mut moments = Moments::default();
+    (0..DRAWS).for_each(|_| moments.add(DVec3::splat(value())));
+    let found = moments.estimate();
+    (found.mean.x, found.se.x)
 }
 
 #[test]

@@ -1,13 +1,13 @@
 //! Training of flows: against plain Rust, differences, and itself on other numbers of threads.
 
 use super::*;
+use crate::card::fake::vase;
 use crate::card::truth::Truth;
 use crate::comparators::measure::measure;
 use crate::comparators::realnvp::tests::random_flow;
 use crate::error::Error;
 use crate::maps::{self, Charts, Job};
 use crate::{database, places, transport::Solver};
-use bake_runtime::Family;
 use bake_runtime::bsdf::direction;
 use glam::DVec2;
 use std::ops::ControlFlow;
@@ -18,11 +18,6 @@ const LOG_DENSITY_TOL: f64 = 2e-5;
 const SLOPE_TOL: f64 = 2e-2;
 /// What 150 steps of 1024 samples on eight slices reach on another slice: 0.20; untrained 1.38.
 const TRAINED_L1: f64 = 0.3;
-
-fn vase() -> Material {
-    let given = [("alpha", &[0.3, 0.1][..]), ("reflectance", &[1.0, 0.782, 0.344])];
-    Material::fixed("vase", Family::Conductor, &given).expect("valid parameters")
-}
 
 fn set(material: &Material, count: usize) -> FlowSet {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
