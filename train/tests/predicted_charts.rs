@@ -30,7 +30,7 @@ fn variance(table: &SliceTable) -> f64 {
 
 #[test]
 fn lobes_are_as_even_in_predicted_charts_as_in_fitted_ones() {
-    for name in ["vase", "conductor", "principled"] {
+    for name in ["vase", "conductor", "layered", "principled"] {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../scenes/materials")
             .join(name);

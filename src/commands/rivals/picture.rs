@@ -34,13 +34,23 @@ pub fn write(path: &Path, model: &Model, place: &HeldOut, drawn: &Figure, rows: 
         MapPanel {
             title: row.title().into(),
             lines,
-            map: Square {
-                side: SIDE,
-                values: portrait.map.iter().map(|p| p.map(|v| v as f32)).collect(),
-            },
+            map: positions(&portrait.map),
             bins: square(SIDE, &portrait.bins),
             reference: square(SIDE, &drawn.reference),
         }
+    };
+    let solved = MapPanel {
+        title: "solved map".into(),
+        lines: vec![
+            format!(
+                "binning {:.4} (floor {:.4})",
+                drawn.solved.binning_l1, drawn.solved.binning_floor
+            ),
+            "by transport, no network".into(),
+        ],
+        map: positions(&drawn.solved.map),
+        bins: square(SIDE, &drawn.solved.bins),
+        reference: square(SIDE, &drawn.reference),
     };
     let theta = place.wo.z.acos().to_degrees();
     let phi = place.wo.y.atan2(place.wo.x).to_degrees();
@@ -59,7 +69,16 @@ pub fn write(path: &Path, model: &Model, place: &HeldOut, drawn: &Figure, rows: 
         lines,
         target: square(TARGET_SIDE, &drawn.target),
         disk: true,
-        panels: rows.iter().zip(&drawn.portraits).map(panel).collect(),
+        panels: std::iter::once(solved)
+            .chain(rows.iter().zip(&drawn.portraits).map(panel))
+            .collect(),
     };
     Ok(write_sheet(path, &[comparison])?)
+}
+
+fn positions(map: &[[f64; 2]]) -> Square<[f32; 2]> {
+    Square {
+        side: SIDE,
+        values: map.iter().map(|p| p.map(|v| v as f32)).collect(),
+    }
 }

@@ -5,14 +5,21 @@
 use super::SliceSampler;
 use super::measure::{Errors, Histogram, histogram, measure};
 use super::standings::Contender;
-use crate::card::bins::{Bins, SIDE};
+use crate::card::bins::{Bins, SIDE, l1};
 use crate::card::heldout::{self, HeldOut};
 use crate::card::measure::BINNING_POINTS;
 use crate::card::truth::Truth;
 use crate::error::Result;
+use crate::lobes::{LobeSlice, WALKS};
+use crate::maps::{CELLS, WALK_SEED};
+use crate::presets::symmetry;
 use crate::spline::cell_centre;
 use crate::transport::disk_map::raster;
+use crate::transport::frame_map::{self, FrameMap};
+use crate::transport::measure::count;
+use bake_runtime::oracle::{fold, unfold};
 use bake_runtime::{Bsdf, Material, Reference};
+use glam::DVec3;
 
 /// Roughness along one axis over that along the other, and polar angle, that a slice should have to be shown: those of the
 /// vase, plain to see and no mere line, in between the normal and the horizon.
@@ -33,6 +40,18 @@ pub struct Portrait {
     pub errors: Errors,
 }
 
+/// The importance map of the slice, as samplers should know it.
+pub struct Solved {
+    /// As [`Portrait::map`].
+    pub map: Vec<[f64; 2]>,
+    /// As [`Portrait::bins`].
+    pub bins: Vec<f64>,
+    /// As [`Errors::binning_l1`].
+    pub binning_l1: f64,
+    /// As [`Errors::binning_floor`].
+    pub binning_floor: f64,
+}
+
 /// The slice and what samplers make of it.
 pub struct Figure {
     /// Its density on [−1, 1]², [`TARGET_SIDE`]² pixels.
@@ -41,6 +60,8 @@ pub struct Figure {
     pub reference: Vec<f64>,
     /// Whether bins lie in the square of the lobe's chart, because the lobe is too narrow for the disk.
     pub narrow: bool,
+    /// Its importance map by transport alone, on [`CELLS`]² cells, with its charts fitted.
+    pub solved: Solved,
     /// The samplers, in their order.
     pub portraits: Vec<Portrait>,
 }
@@ -79,8 +100,29 @@ pub fn figure(material: &Material, place: &HeldOut, contenders: &[Contender]) ->
         target: raster(&truth.lobes, TARGET_SIDE)?.mass,
         reference: truth.binned.mass.iter().map(|m| m / total).collect(),
         narrow: truth.binned.bins != Bins::Disk,
+        solved: solved(material, &reference, &truth)?,
         portraits: contenders.iter().map(draw).collect::<Result<_>>()?,
     })
+}
+
+/// Solves the importance map of the slice that `truth` was measured of, folded as networks see it.
+fn solved(material: &Material, reference: &Reference, truth: &Truth) -> Result<Solved> {
+    let (wo, unfolding) = fold(symmetry(material)?, truth.wo.to_array());
+    let slice = LobeSlice::new(reference, DVec3::from_array(wo), WALKS, WALK_SEED)?;
+    let map = FrameMap::new(&frame_map::solve(&slice, &slice.fitted(), CELLS, &[])?);
+    let direction = |u: [f64; 2]| DVec3::from_array(unfold(unfolding, map.direction(u).0.to_array()));
+    let counts = count(BINNING_POINTS, |u| truth.binned.bins.index(direction(u)));
+    let centres = (0..SIDE * SIDE).map(|k| direction(cell_centre(k, SIDE)));
+    Ok(Solved {
+        map: centres.map(|wi| [wi.x, wi.y]).collect(),
+        bins: shares(&counts),
+        binning_l1: l1(&counts, &truth.binned.mass),
+        binning_floor: truth.binned.floor(BINNING_POINTS),
+    })
+}
+
+fn shares(counts: &[u64]) -> Vec<f64> {
+    counts.iter().map(|c| *c as f64 / BINNING_POINTS as f64).collect()
 }
 
 fn portrait(sampler: &mut dyn SliceSampler, reference: &Reference, truth: &Truth) -> Result<Portrait> {
@@ -93,7 +135,7 @@ fn portrait(sampler: &mut dyn SliceSampler, reference: &Reference, truth: &Truth
             .iter()
             .map(|d| d.map_or([f64::NAN; 2], |d| [d.wi.x, d.wi.y]))
             .collect(),
-        bins: counts.iter().map(|c| *c as f64 / BINNING_POINTS as f64).collect(),
+        bins: shares(&counts),
         errors: measure(sampler, reference, truth, 0)?,
     })
 }
@@ -137,6 +179,38 @@ mod tests {
             let ratio = (x / y).max(y / x);
             assert!((45.0..75.0).contains(&theta), "{json}: {theta}");
             assert!((ratio / expected).ln().abs() < 0.3, "{json}: {ratio}");
+        }
+    }
+
+    /// A map of 64² cells against the slice itself; turned into another quadrant it would be off by more than 1.
+    const SOLVED_MAX: f64 = 0.02;
+
+    #[test]
+    fn the_solved_map_lies_where_the_slice_does() {
+        let material = material(r#"{"family":"conductor","alpha":[0.3,0.1],"ior":"gold"}"#);
+        let mut place = place(&material).expect("nothing is free");
+        for signs in [DVec3::ONE, DVec3::new(-1.0, 1.0, 1.0), DVec3::new(1.0, -1.0, 1.0)] {
+            place.wo *= signs;
+            let Figure {
+                solved, reference, ..
+            } = figure(&material, &place, &[]).expect("a bright slice");
+            let off: f64 = solved
+                .bins
+                .iter()
+                .zip(&reference)
+                .map(|(a, b)| (a - b).abs())
+                .sum();
+            assert!(
+                (off - solved.binning_l1).abs() < 1e-12,
+                "{off} {}",
+                solved.binning_l1
+            );
+            assert!(
+                off < SOLVED_MAX && off < 4.0 * solved.binning_floor,
+                "{off} at {}",
+                place.wo
+            );
+            assert!(solved.map.iter().all(|[x, y]| x.hypot(*y) <= 1.0));
         }
     }
 
