@@ -12,7 +12,7 @@ use crate::card::truth::Truth;
 use crate::error::Result;
 use crate::lobes::{LobeSlice, WALKS};
 use crate::maps::{CELLS, WALK_SEED};
-use crate::presets::symmetry;
+use crate::presets::{lobes, symmetry};
 use crate::spline::cell_centre;
 use crate::transport::disk_map::raster;
 use crate::transport::frame_map::{self, FrameMap};
@@ -60,7 +60,7 @@ pub struct Figure {
     pub reference: Vec<f64>,
     /// Whether bins lie in the square of the lobe's chart, because the lobe is too narrow for the disk.
     pub narrow: bool,
-    /// Its importance map by transport alone, on [`CELLS`]² cells, with its charts fitted.
+    /// Its importance map by transport alone, on [`CELLS`]² cells, with fitted charts for the [`lobes`] of its family.
     pub solved: Solved,
     /// The samplers, in their order.
     pub portraits: Vec<Portrait>,
@@ -105,11 +105,15 @@ pub fn figure(material: &Material, place: &HeldOut, contenders: &[Contender]) ->
     })
 }
 
-/// Solves the importance map of the slice that `truth` was measured of, folded as networks see it.
+/// Solves the importance map of the slice that `truth` was measured of, folded and cut into lobes as networks see it.
 fn solved(material: &Material, reference: &Reference, truth: &Truth) -> Result<Solved> {
     let (wo, unfolding) = fold(symmetry(material)?, truth.wo.to_array());
     let slice = LobeSlice::new(reference, DVec3::from_array(wo), WALKS, WALK_SEED)?;
-    let map = FrameMap::new(&frame_map::solve(&slice, &slice.fitted(), CELLS, &[])?);
+    let charts: Vec<_> = lobes(material.family)
+        .iter()
+        .map(|lobe| (*lobe, slice.chart(*lobe)))
+        .collect();
+    let map = FrameMap::new(&frame_map::solve(&slice, &charts, CELLS, &[])?);
     let direction = |u: [f64; 2]| DVec3::from_array(unfold(unfolding, map.direction(u).0.to_array()));
     let counts = count(BINNING_POINTS, |u| truth.binned.bins.index(direction(u)));
     let centres = (0..SIDE * SIDE).map(|k| direction(cell_centre(k, SIDE)));
