@@ -7,6 +7,7 @@
 //! rare.
 
 use crate::answers::{Answer, OUTPUTS, Queries, Query, WIDTH, oracle_answer};
+use bake_runtime::spec::Activation;
 use bake_runtime::{BakedMaterial, oracle};
 
 /// `wi` is a unit vector, a smooth function of outputs that f32 layers of width ≤ 64 leave within about 1e-6.
@@ -25,6 +26,12 @@ const ROUNDING: f64 = f32::EPSILON as f64;
 /// has: 24 times for alpha = 1 × 0.01, whose frame shears by several hundred, and 65 times (2e-5 of `wi`) for alpha = 0.0025
 /// and u = 0.
 const MOVEMENTS_MAX: f64 = 96.0;
+/// Roundings of an input at which answers that jump are looked at: the jacobian of a ReLU network changes at once where a
+/// neuron of it goes on or off, and f32 layers do not know to a few roundings where that is.
+const JUMP_ROUNDINGS: [f64; 3] = [4.0, 16.0, 64.0];
+/// Roundings of x² + y² behind heights on the disk: two squares and a sum of two coordinates that are f32 themselves. Next
+/// to the rim they move z by as many over 2z, and what is divided by z by as many over 2z² of it.
+const RIM_ROUNDINGS: f64 = 8.0;
 /// Largest share of queries that rounding may excuse: 0.5 % were found for alpha = 0.01, up to 2 % for such steering.
 const ROUNDED_SHARE_MAX: f64 = 0.05;
 
@@ -44,9 +51,14 @@ pub fn tolerance(output: &str) -> f64 {
 
 /// How far each answer of the oracle moves from `answer` when an input of `query` moves by one rounding.
 pub fn movement(material: &BakedMaterial, query: &Query, answer: &Answer) -> Answer {
+    movement_over(material, query, answer, 1.0)
+}
+
+/// The same for as many `roundings`.
+fn movement_over(material: &BakedMaterial, query: &Query, answer: &Answer, roundings: f64) -> Answer {
     let mut moved = [0.0; WIDTH];
     for sign in [-1.0, 1.0] {
-        let step = sign * ROUNDING;
+        let step = sign * roundings * ROUNDING;
         let mut nudge = |change: &dyn Fn(&mut Query)| {
             let mut nudged = query.clone();
             change(&mut nudged);
@@ -109,10 +121,27 @@ pub fn assert_agree(
             continue;
         }
         rounded += 1;
-        let moved = movement(material, &query, &oracle_answer(material, &query));
+        let answer = oracle_answer(material, &query);
+        let moved = movement(material, &query, &answer);
+        let jumps = |c: usize, excess: f64| {
+            material.sample.spec.activation == Activation::Relu
+                && JUMP_ROUNDINGS
+                    .iter()
+                    .any(|n| excess <= movement_over(material, &query, &answer, *n)[c])
+        };
+        let on_disk = material.sample.spec.charts().is_none();
+        let at_the_rim = |name: &str, c: usize, excess: f64| {
+            let z = f64::from(expected[2][i]);
+            let height = 0.5 * RIM_ROUNDINGS * ROUNDING / z;
+            match name {
+                "wi" => on_disk && excess <= height,
+                "jacobian" => on_disk && excess <= height / z * f64::from(expected[c][i]).abs(),
+                _ => false,
+            }
+        };
         for (name, c, excess) in apart {
             assert!(
-                excess <= MOVEMENTS_MAX * moved[c],
+                excess <= MOVEMENTS_MAX * moved[c] || at_the_rim(name, c, excess) || jumps(c, excess),
                 "{what}: {name} is {} and {}, but rounding moves it by {:.1e} only; query {i}: params {:?}, wo {:?}, u {:?}, \
                  wi {:?}",
                 found[c][i],

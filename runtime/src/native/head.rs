@@ -11,20 +11,24 @@ pub struct Head<V> {
     /// 1 − h, with its own relative precision.
     pub complement: V,
     u: V,
+    /// 1 − u.
+    rest: V,
     g: V,
 }
 
 impl<V: Vector> Head<V> {
-    /// The head on the output `g`.
+    /// The head on the output `g`; `rest` = 1 − `u`, given apart because the caller knows it more precisely than a
+    /// subtraction would.
     #[inline(always)]
-    pub fn new(u: V, g: V) -> Self {
+    pub fn new(u: V, rest: V, g: V) -> Self {
         let max = WARP_SHIFT_MAX as f32;
-        let rest = (u.splat(1.0) - u) * exp(-g.clamp(-max, max));
-        let sum = u + rest;
+        let bent = rest * exp(-g.clamp(-max, max));
+        let sum = u + bent;
         Head {
             h: u / sum,
-            complement: rest / sum,
+            complement: bent / sum,
             u,
+            rest,
             g,
         }
     }
@@ -32,7 +36,7 @@ impl<V: Vector> Head<V> {
     /// The head of the disk.
     #[inline(always)]
     pub fn on_disk(g: V) -> Self {
-        Head::new(g.splat(0.5), g)
+        Head::new(g.splat(0.5), g.splat(0.5), g)
     }
 
     /// ∂h/∂g, 0 where g is clamped.
@@ -44,7 +48,7 @@ impl<V: Vector> Head<V> {
     /// ∂h/∂u at fixed g.
     #[inline(always)]
     pub fn by_u(&self) -> V {
-        self.h * self.complement / (self.u * (self.u.splat(1.0) - self.u))
+        self.h * self.complement / (self.u * self.rest)
     }
 }
 

@@ -58,12 +58,14 @@ impl<V: Vector, const N: usize> Sampler<V, N> {
         let mut draw = Draw {
             place,
             u: [read(simd, u[0], start), read(simd, u[1], start)],
+            rest: [[one; N]; 2],
             chart: [one; N],
             share: [one; N],
         };
-        for column in &mut draw.u {
-            for value in column {
+        for (column, rest) in draw.u.iter_mut().zip(&mut draw.rest) {
+            for (value, rest) in column.iter_mut().zip(rest) {
                 *value = value.clamp(U_MIN as f32, U_MAX);
+                *rest = one - *value;
             }
         }
         if self.program.charts() == CHARTS_MAX {
@@ -74,8 +76,12 @@ impl<V: Vector, const N: usize> Sampler<V, N> {
                 let first = u.less(share);
                 draw.chart[q] = V::select(first, one, -one);
                 draw.share[q] = V::select(first, share, other);
-                let into = V::select(first, u, u - share);
-                draw.u[0][q] = (into / draw.share[q]).clamp(edge, 1.0 - edge);
+                // Distances from both ends of the chart, each where it keeps its digits: the first end of the second
+                // chart has lost them to the split already.
+                let rest = V::select(first, share - u, draw.rest[0][q]) / draw.share[q];
+                let into = V::select(first, u / share, one - rest);
+                draw.u[0][q] = into.clamp(edge, 1.0 - edge);
+                draw.rest[0][q] = rest.clamp(edge, 1.0 - edge);
             }
         }
         let mut scalars = draw.place.scalars();
@@ -91,6 +97,8 @@ struct Draw<'a, V, const N: usize> {
     place: Place<'a, V, N>,
     /// In the drawn chart.
     u: [Column<V, N>; 2],
+    /// 1 − u, with its own relative precision.
+    rest: [Column<V, N>; 2],
     /// 1 where the first chart was drawn, −1 where the second.
     chart: Column<V, N>,
     /// The drawn chart's share.
@@ -112,7 +120,7 @@ impl<V: Vector, const N: usize> Draw<'_, V, N> {
     #[inline(always)]
     fn heads(&self, program: &Program, g: [V; 2], q: usize) -> [Head<V>; 2] {
         match program.frames {
-            Some(_) => [Head::new(self.u[0][q], g[0]), Head::new(self.u[1][q], g[1])],
+            Some(_) => [0, 1].map(|c: usize| Head::new(self.u[c][q], self.rest[c][q], g[c])),
             None => [Head::on_disk(g[0]), Head::on_disk(g[1])],
         }
     }
