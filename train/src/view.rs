@@ -53,13 +53,6 @@ pub fn charts(bsdf: &Reference, entry: &MappedSlice, solver: Solver) -> Result<V
         .collect())
 }
 
-fn shares(counts: &[u64]) -> Vec<f64> {
-    counts
-        .iter()
-        .map(|c| *c as f64 / measure::BINNING_POINTS as f64)
-        .collect()
-}
-
 /// A chart in its own square.
 fn in_square(slice: &LobeSlice, chart: &ChartMap, lobe: Lobe) -> ChartView {
     let square = chart.square_map();
@@ -94,7 +87,7 @@ fn in_square(slice: &LobeSlice, chart: &ChartMap, lobe: Lobe) -> ChartView {
             .map(|k| to_disk(square.at(cell_centre(k, SIDE)).0))
             .collect(),
         disk: false,
-        bins: shares(&counts),
+        bins: measure::shares(&counts, measure::BINNING_POINTS),
         reference,
         weight,
     }
@@ -120,7 +113,10 @@ fn on_disk(slice: &LobeSlice, chart: &ChartMap) -> Result<ChartView> {
     Ok(ChartView {
         map: (0..SIDE * SIDE).map(|k| map.at(cell_centre(k, SIDE))).collect(),
         disk: true,
-        bins: shares(&measure::histogram(&map, measure::BINNING_POINTS)),
+        bins: measure::shares(
+            &measure::histogram(&map, measure::BINNING_POINTS),
+            measure::BINNING_POINTS,
+        ),
         reference: measure::reference_bins(&disk_map::raster(slice, SIDE)?),
         weight: (0..WEIGHT_SIDE * WEIGHT_SIDE).map(weight).collect(),
     })

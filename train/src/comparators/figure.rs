@@ -16,7 +16,7 @@ use crate::presets::{lobes, symmetry};
 use crate::spline::cell_centre;
 use crate::transport::disk_map::raster;
 use crate::transport::frame_map::{self, FrameMap};
-use crate::transport::measure::count;
+use crate::transport::measure::{count, shares};
 use bake_runtime::oracle::{fold, unfold};
 use bake_runtime::{Bsdf, Material, Reference};
 use glam::DVec3;
@@ -119,14 +119,10 @@ fn solved(material: &Material, reference: &Reference, truth: &Truth) -> Result<S
     let centres = (0..SIDE * SIDE).map(|k| direction(cell_centre(k, SIDE)));
     Ok(Solved {
         map: centres.map(|wi| [wi.x, wi.y]).collect(),
-        bins: shares(&counts),
+        bins: shares(&counts, BINNING_POINTS),
         binning_l1: l1(&counts, &truth.binned.mass),
         binning_floor: truth.binned.floor(BINNING_POINTS),
     })
-}
-
-fn shares(counts: &[u64]) -> Vec<f64> {
-    counts.iter().map(|c| *c as f64 / BINNING_POINTS as f64).collect()
 }
 
 fn portrait(sampler: &mut dyn SliceSampler, reference: &Reference, truth: &Truth) -> Result<Portrait> {
@@ -139,7 +135,7 @@ fn portrait(sampler: &mut dyn SliceSampler, reference: &Reference, truth: &Truth
             .iter()
             .map(|d| d.map_or([f64::NAN; 2], |d| [d.wi.x, d.wi.y]))
             .collect(),
-        bins: shares(&counts),
+        bins: shares(&counts, BINNING_POINTS),
         errors: measure(sampler, reference, truth, 0)?,
     })
 }

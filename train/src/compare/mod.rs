@@ -337,6 +337,6 @@ fn judge(name: &str, made: &Made, solver: Solver, side: usize, cost: f64, truth:
         map: (0..SIDE * SIDE)
             .map(|k| map.at(crate::spline::cell_centre(k, SIDE)))
             .collect(),
-        bins: counts.iter().map(|c| *c as f64 / BINNING_POINTS as f64).collect(),
+        bins: measure::shares(&counts, BINNING_POINTS),
     }
 }

@@ -190,6 +190,11 @@ pub fn count(points: u64, index: impl Fn([f64; 2]) -> usize + Sync) -> Vec<u64> 
         })
 }
 
+/// `counts` of [`count`] as shares of the `points` that were drawn.
+pub fn shares(counts: &[u64], points: u64) -> Vec<f64> {
+    counts.iter().map(|c| *c as f64 / points as f64).collect()
+}
+
 /// Mass of `raster` in the 64² bins of [`histogram`]; a pixel across several bins is shared by area.
 pub fn reference_bins(raster: &Raster) -> Vec<f64> {
     // Overlap of every pixel with every bin along one axis, as a share of the pixel.
