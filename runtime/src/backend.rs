@@ -115,17 +115,17 @@ impl<'a> Points<'a> {
 }
 
 /// Runs the networks of one material on batches. Each array is a structure of arrays: one slice per
-/// component, all of the same length. Directions are unit vectors of the shading frame, away from the surface.
+/// component, all of the same length. Any number of threads may call one backend at once. Directions are unit vectors of the shading frame, away from the surface.
 ///
 /// A query whose `wo` (or `wi`) is not finite or not above the horizon, or one of whose parameters is not finite, gives zeros
 /// and `wi` = (0, 0, 1). Outputs are always finite, also for finite parameters outside of their ranges and for any u.
 ///
 /// # Errors
 /// Every method returns [`Error::BatchLength`] when slices differ in length; onnxruntime may add its own.
-pub trait Backend: Send {
+pub trait Backend: Send + Sync {
     /// Learned estimator: `wi`, and the regressed `weight` (RGB, ≥ 0). One pass.
     fn sample_learned(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
@@ -138,7 +138,7 @@ pub trait Backend: Send {
     /// With one chart it is the determinant of u ↦ solid angle, and 1/|jacobian| is the density of `wi` where the map does
     /// not fold; with two it is [`crate::oracle::jacobian`], which takes the pdf network as well.
     fn sample_jacobian(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
@@ -146,10 +146,10 @@ pub trait Backend: Send {
     ) -> Result<()>;
 
     /// `f_cos` RGB, sr⁻¹.
-    fn eval(&mut self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()>;
+    fn eval(&self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()>;
 
     /// Learned density of `wi`, sr⁻¹: for weights of multiple importance sampling, never to divide by.
-    fn pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()>;
+    fn pdf(&self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()>;
 }
 
 /// Checks that the named slices all have `expected` elements.

@@ -42,6 +42,7 @@ impl Tier {
     pub fn dispatch<T: TierTask>(self, task: T) -> Result<T::Out> {
         match self {
             Tier::Scalar => enter(Some(arch::scalar::Scalar), task),
+            Tier::Portable => enter(Some(arch::portable::Portable), task),
             #[cfg(target_arch = "x86_64")]
             Tier::Avx2 => enter(arch::avx2::Avx2::new(), task),
             #[cfg(target_arch = "x86_64")]
@@ -96,6 +97,7 @@ mod tests {
             let mut numbers: Vec<f32> = (0..37).map(|i| i as f32).collect();
             let lanes = match tier {
                 Tier::Scalar => 1,
+                Tier::Portable => 4,
                 Tier::Avx2 => 8,
                 Tier::Avx512 => 16,
             };

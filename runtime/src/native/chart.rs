@@ -3,7 +3,6 @@
 //! forms whose terms are all positive, so that single precision holds at grazing angles.
 
 use super::math::{exp, ln};
-use super::tile::each;
 use super::vector::Vector;
 use crate::anchor::{ANCHOR_SCALARS, PULL, VARIANCE_MAX};
 use crate::concentric::DISK_AREA;
@@ -125,7 +124,11 @@ impl<V: Vector> Chart<V> {
     #[inline(always)]
     pub fn new(outputs: [V; FRAME_OUTPUTS], start: &Start<V>) -> Self {
         let max = FRAME_OUTPUT_MAX as f32;
-        let [log_x, log_y, shear, dx, dy] = each(outputs, |v| v.clamp(-max, max));
+        let mut outputs = outputs;
+        for output in &mut outputs {
+            *output = output.clamp(-max, max);
+        }
+        let [log_x, log_y, shear, dx, dy] = outputs;
         let (scale_x, scale_y) = (exp(log_x), exp(log_y));
         let (x, y) = (start.frame[0] * scale_x, start.frame[1] * scale_y);
         let shear = start.frame[2].mul_add(scale_x / scale_y, shear);

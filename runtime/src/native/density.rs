@@ -1,22 +1,23 @@
 //! Density queries: (parameters, wo, wi) ↦ `f_cos` or pdf, of every chart the density times the exponential of the outputs.
 
-use super::kernel::Buffers;
+use super::batch::Tiles;
 use super::math::exp;
 use super::place::Place;
 use super::program::Program;
-use super::tile::{Column, finite_or_zero, queries, read_directions, write};
+use super::scratch::Work;
+use super::stack::Buffers;
+use super::tile::{Column, finite_or_zero, read_directions, write};
 use super::vector::{Simd, Task, Vector};
 use crate::backend::Points;
 use crate::error::Result;
 use crate::network::Network;
 use crate::spec::{CHARTS_MAX, EXPONENT_MAX, Role};
 
-/// An evaluation or pdf network and the buffers it runs in.
-pub struct Densities<V, const N: usize> {
+/// An evaluation or pdf network.
+pub struct Densities {
     /// The network.
     pub program: Program,
     role: Role,
-    values: Buffers<V, N>,
 }
 
 /// What `K` outputs per chart of a tile say.
@@ -27,29 +28,34 @@ pub struct Parts<V, const N: usize, const K: usize> {
     pub validity: Column<V, N>,
 }
 
-impl<V: Vector, const N: usize> Densities<V, N> {
-    /// Packs `network`; `zero` makes the buffers.
+impl Densities {
+    /// Packs `network`.
     ///
     /// # Errors
     /// Those of [`Program::new`].
-    pub fn new(network: &Network, role: Role, zero: V) -> Result<Self> {
+    pub fn new(network: &Network, role: Role) -> Result<Self> {
         let program = Program::new(network, role)?;
-        Ok(Densities {
-            values: Buffers::new(program.width, zero),
-            role,
-            program,
-        })
+        Ok(Densities { role, program })
     }
 
-    /// The parts of the tile that begins at `start`, for light from `wi`, not folded yet; `K` is the number of outputs per
-    /// chart.
+    /// See [`Program::bound`].
+    pub fn bound(&self, values: &[Option<f64>]) -> Self {
+        Densities {
+            program: self.program.bound(values),
+            role: self.role,
+        }
+    }
+
+    /// The parts of the tile that begins at `start`, of which the first `live` queries count, for light from `wi`, not folded
+    /// yet; `K` is the number of outputs per chart.
     #[inline(always)]
-    pub fn parts<S: Simd<Vector = V>, const K: usize>(
-        &mut self,
+    pub fn parts<S: Simd<Vector = V>, V: Vector, const N: usize, const K: usize>(
+        &self,
         simd: S,
         points: Points,
-        start: usize,
+        [start, live]: [usize; 2],
         wi: [Column<V, N>; 3],
+        values: &mut Buffers<V, N>,
     ) -> Parts<V, N, K> {
         let zero = simd.splat(0.0);
         let mut parts = Parts {
@@ -61,7 +67,9 @@ impl<V: Vector, const N: usize> Densities<V, N> {
             densities: self,
             points,
             start,
+            live,
             wi,
+            values,
             parts: &mut parts,
         });
         parts
@@ -71,10 +79,12 @@ impl<V: Vector, const N: usize> Densities<V, N> {
 /// [`Densities::parts`]: a task of its own, so that all queries share one copy of its code.
 struct Tile<'a, S: Simd, const N: usize, const K: usize> {
     simd: S,
-    densities: &'a mut Densities<S::Vector, N>,
+    densities: &'a Densities,
     points: Points<'a>,
     start: usize,
+    live: usize,
     wi: [Column<S::Vector, N>; 3],
+    values: &'a mut Buffers<S::Vector, N>,
     parts: &'a mut Parts<S::Vector, N, K>,
 }
 
@@ -82,13 +92,9 @@ impl<S: Simd, const N: usize, const K: usize> Task for Tile<'_, S, N, K> {
     #[inline(always)]
     fn run(self) {
         let (simd, mut wi) = (self.simd, self.wi);
-        let Densities {
-            program,
-            role,
-            values,
-        } = self.densities;
-        let zero = simd.splat(0.0);
-        let mut place = Place::read(simd, program, self.points, self.start, values);
+        let Densities { program, role } = self.densities;
+        let (zero, values) = (simd.splat(0.0), self.values);
+        let mut place = Place::read(simd, program, self.points, self.start, self.live, values);
         place.cameras.fold_lights(&mut wi);
         let mut local = [[[zero; N]; 3]; CHARTS_MAX];
         let mut density = [[simd.splat(1.0); N]; CHARTS_MAX];
@@ -116,7 +122,7 @@ impl<S: Simd, const N: usize, const K: usize> Task for Tile<'_, S, N, K> {
         scalars.wi = &wi[..2];
         scalars.local = local.each_ref().map(|local| local.as_slice());
         scalars.encode(simd, &program.inputs, values.input());
-        let rows = values.run(simd, &program.net);
+        let rows = values.run(simd, &program.net, self.live);
         let max = EXPONENT_MAX as f32;
         let charts = self.parts.charts.iter_mut().zip(rows.chunks_exact(K));
         for ((parts, rows), density) in charts.zip(&density) {
@@ -131,29 +137,33 @@ impl<S: Simd, const N: usize, const K: usize> Task for Tile<'_, S, N, K> {
 }
 
 /// A batch with `K` outputs per query.
-pub struct Density<'a, S: Simd, const N: usize, const K: usize> {
+pub struct Density<'a, S: Simd, const K: usize> {
     pub simd: S,
-    pub densities: &'a mut Densities<S::Vector, N>,
+    pub densities: &'a Densities,
     pub points: Points<'a>,
     pub wi: [&'a [f32]; 3],
     pub out: [&'a mut [f32]; K],
 }
 
-impl<S: Simd, const N: usize, const K: usize> Task for Density<'_, S, N, K> {
+impl<S: Simd, const K: usize> Tiles<S::Vector> for Density<'_, S, K> {
+    fn count(&self) -> usize {
+        self.points.len()
+    }
+
     #[inline(always)]
-    fn run(mut self) {
+    fn tile<const N: usize>(&mut self, start: usize, live: usize, work: Work<S::Vector, N>) {
         let two = self.densities.program.charts() == CHARTS_MAX;
-        for start in (0..self.points.len()).step_by(queries::<S::Vector, N>()) {
-            let wi = read_directions(self.simd, self.wi, start);
-            let parts = self.densities.parts::<S, K>(self.simd, self.points, start, wi);
-            for (k, out) in self.out.iter_mut().enumerate() {
-                for q in 0..N {
-                    let mut value = parts.charts[0][k][q];
-                    if two {
-                        value = value + parts.charts[1][k][q];
-                    }
-                    write(finite_or_zero(value, parts.validity[q]), out, start, q);
+        let wi = read_directions(self.simd, self.wi, start);
+        let parts: Parts<S::Vector, N, K> =
+            self.densities
+                .parts(self.simd, self.points, [start, live], wi, work.values);
+        for (k, out) in self.out.iter_mut().enumerate() {
+            for q in 0..N {
+                let mut value = parts.charts[0][k][q];
+                if two {
+                    value = value + parts.charts[1][k][q];
                 }
+                write(finite_or_zero(value, parts.validity[q]), out, start, q);
             }
         }
     }

@@ -1,8 +1,8 @@
 //! From the scalars of a tile to the features that enter a network: the formulas of [`crate::encoding`] on vectors.
 
-use super::kernel::TANGENT_COLUMNS;
+use super::columns::TANGENT_COLUMNS;
 use super::math::{EXP_MAX, decay, exp, half_turns, ln};
-use super::tile::{Column, each, read_parameter};
+use super::tile::{Column, read_parameter};
 use super::vector::{ROUND, Simd, Task, Vector};
 use crate::anchor::ANCHOR_SCALARS;
 use crate::encoding::{
@@ -10,13 +10,17 @@ use crate::encoding::{
 };
 use crate::spec::{CHARTS_MAX, Input};
 use std::f32::consts::PI;
+use std::ops::Range;
 
 /// One input of a network, ready for vectors.
+#[derive(Clone)]
 pub struct Feature {
     /// What enters.
     pub quantity: Quantity,
     /// How it becomes features.
     pub encoding: Encoding,
+    /// Where these stand among all features of the network.
+    pub rows: Range<usize>,
     scale: Scale,
     /// Of the scale, see [`Scale::affine`].
     offset: f32,
@@ -24,21 +28,34 @@ pub struct Feature {
 }
 
 impl Feature {
-    /// `input`, ready for vectors.
-    pub fn new(input: &Input) -> Feature {
+    /// `inputs` of one network, ready for vectors.
+    pub fn all(inputs: &[Input]) -> Vec<Feature> {
+        let mut start = 0;
+        let feature = |input: &Input| {
+            let rows = start..start + input.features();
+            start = rows.end;
+            Feature::new(input, rows)
+        };
+        inputs.iter().map(feature).collect()
+    }
+
+    fn new(input: &Input, rows: Range<usize>) -> Feature {
         let (offset, factor) = input.scale.affine();
         Feature {
             quantity: input.quantity,
             encoding: input.encoding,
+            rows,
             scale: input.scale,
             offset: offset as f32,
             factor: factor as f32,
         }
     }
 
-    /// Number of features.
-    pub fn width(&self) -> usize {
-        self.encoding.features(self.quantity.scalars())
+    /// The features of the single number `value`, in f64.
+    pub fn of_number(&self, value: f64) -> Vec<f64> {
+        let mut features = Vec::new();
+        self.encoding.append(&[self.scale.apply(value)], &mut features);
+        features
     }
 
     /// [`Scale::apply`].
@@ -76,7 +93,7 @@ pub struct Scalars<'a, V, const N: usize> {
 }
 
 impl<V: Vector, const N: usize> Scalars<'_, V, N> {
-    /// Writes the features of `inputs` to the first rows of `out`.
+    /// Writes the features of `inputs` to their rows of `out`.
     #[inline(always)]
     pub fn encode<S: Simd<Vector = V>>(&self, simd: S, inputs: &[Feature], out: &mut [Column<V, N>]) {
         simd.enter(Encode {
@@ -100,7 +117,6 @@ impl<S: Simd, const N: usize> Task for Encode<'_, '_, S, N> {
     #[inline(always)]
     fn run(self) {
         let (simd, all) = (self.simd, self.scalars);
-        let mut rest = self.out;
         for input in self.inputs {
             let mut own = [[simd.splat(0.0); N]; SCALARS_MAX];
             let mut scalars: &[Column<S::Vector, N>] = match input.quantity {
@@ -119,13 +135,13 @@ impl<S: Simd, const N: usize> Task for Encode<'_, '_, S, N> {
             let mut scaled = [[simd.splat(0.0); N]; SCALARS_MAX];
             if input.scale != Scale::None {
                 for (to, from) in scaled.iter_mut().zip(scalars) {
-                    *to = each(*from, |x| input.scaled(x));
+                    for (to, &from) in to.iter_mut().zip(from) {
+                        *to = input.scaled(from);
+                    }
                 }
                 scalars = &scaled[..scalars.len()];
             }
-            let (rows, after) = rest.split_at_mut(input.width());
-            rest = after;
-            append(input.encoding, scalars, rows);
+            append(input.encoding, scalars, &mut self.out[input.rows.clone()]);
         }
     }
 }
@@ -141,14 +157,33 @@ fn append<V: Vector, const N: usize>(
         Encoding::Identity => rows.copy_from_slice(scalars),
         Encoding::Centred => {
             for (row, scalar) in rows.iter_mut().zip(scalars) {
-                *row = each(*scalar, |s| s + s - s.splat(1.0));
+                for (to, &s) in row.iter_mut().zip(scalar) {
+                    *to = s + s - s.splat(1.0);
+                }
             }
         }
-        Encoding::Grazing => write_features(rows, scalars, grazing),
-        Encoding::Slant => write_features(rows, scalars, slant),
+        Encoding::Grazing => {
+            for q in 0..N {
+                let features = grazing([scalars[0][q], scalars[1][q], scalars[2][q]]);
+                for (row, &feature) in rows.iter_mut().zip(&features) {
+                    row[q] = feature;
+                }
+            }
+        }
+        Encoding::Slant => {
+            for q in 0..N {
+                let features = slant([scalars[0][q], scalars[1][q], scalars[2][q]]);
+                for (row, &feature) in rows.iter_mut().zip(&features) {
+                    row[q] = feature;
+                }
+            }
+        }
         Encoding::Frequency(k) => {
             for (rows, scalar) in rows.chunks_exact_mut(2 * k).zip(scalars) {
-                let mut x = each(*scalar, first_turn);
+                let mut x = *scalar;
+                for x in &mut x {
+                    *x = first_turn(*x);
+                }
                 for [sin, cos] in rows.as_chunks_mut::<2>().0 {
                     for q in 0..N {
                         (sin[q], cos[q]) = half_turns(x[q]);
@@ -160,59 +195,57 @@ fn append<V: Vector, const N: usize>(
         Encoding::OneBlob(l) => {
             for (rows, scalar) in rows.chunks_exact_mut(l).zip(scalars) {
                 for (i, row) in rows.iter_mut().enumerate() {
-                    *row = each(*scalar, |x| blob(x, i, l).0);
+                    for (to, &x) in row.iter_mut().zip(scalar) {
+                        *to = blob(x, i, l).0;
+                    }
                 }
             }
         }
     }
 }
 
-/// Writes the `K` features of the directions `w`.
+/// Writes the features of `inputs`, all of them of u, with their derivatives by u₀ and u₁, to their rows of `out`.
 #[inline(always)]
-fn write_features<V: Vector, const N: usize, const K: usize>(
-    rows: &mut [Column<V, N>],
-    w: &[Column<V, N>],
-    features: impl Fn([V; 3]) -> [V; K],
-) {
-    for q in 0..N {
-        for (row, feature) in rows.iter_mut().zip(features([w[0][q], w[1][q], w[2][q]])) {
-            row[q] = feature;
-        }
-    }
-}
-
-/// Writes the features of `u` in every one of `encodings`, with their derivatives by u₀ and u₁, to `out`.
-#[inline(always)]
-pub fn encode_tangents<V: Vector>(encodings: &[Encoding], u: [V; 2], out: &mut [[V; TANGENT_COLUMNS]]) {
-    let mut rest = out;
-    for &encoding in encodings {
+pub fn encode_tangents<V: Vector>(inputs: &[Feature], u: [V; 2], out: &mut [[V; TANGENT_COLUMNS]]) {
+    for input in inputs {
+        let encoding = input.encoding;
+        let mut rest = &mut out[input.rows.clone()];
         for (j, x) in u.into_iter().enumerate() {
             let (rows, after) = rest.split_at_mut(encoding.features(1));
             rest = after;
-            let row = |(value, slope): (V, V)| match j {
-                0 => [value, slope, x.splat(0.0)],
-                _ => [value, x.splat(0.0), slope],
-            };
             match encoding {
-                Encoding::Centred => rows[0] = row((x + x - x.splat(1.0), x.splat(2.0))),
+                Encoding::Centred => rows[0] = slopes(j, x + x - x.splat(1.0), x.splat(2.0)),
                 // Directions do not depend on u: no specification has their encodings here.
-                Encoding::Identity | Encoding::Grazing | Encoding::Slant => rows[0] = row((x, x.splat(1.0))),
+                Encoding::Identity | Encoding::Grazing | Encoding::Slant => {
+                    rows[0] = slopes(j, x, x.splat(1.0))
+                }
                 Encoding::Frequency(_) => {
                     let (mut turned, mut speed) = (first_turn(x), PI);
                     for [sin_row, cos_row] in rows.as_chunks_mut::<2>().0 {
                         let (sin, cos) = half_turns(turned);
-                        *sin_row = row((sin, cos * x.splat(speed)));
-                        *cos_row = row((cos, sin * x.splat(-speed)));
+                        *sin_row = slopes(j, sin, cos * x.splat(speed));
+                        *cos_row = slopes(j, cos, sin * x.splat(-speed));
                         (turned, speed) = (next_turn(turned), 2.0 * speed);
                     }
                 }
                 Encoding::OneBlob(l) => {
                     for (i, out) in rows.iter_mut().enumerate() {
-                        *out = row(blob(x, i, l));
+                        let (value, slope) = blob(x, i, l);
+                        *out = slopes(j, value, slope);
                     }
                 }
             }
         }
+    }
+}
+
+/// A value that depends on coordinate `j` of u alone, with this slope.
+#[inline(always)]
+fn slopes<V: Vector>(j: usize, value: V, slope: V) -> [V; TANGENT_COLUMNS] {
+    let zero = value.splat(0.0);
+    match j {
+        0 => [value, slope, zero],
+        _ => [value, zero, slope],
     }
 }
 

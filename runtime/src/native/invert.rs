@@ -5,15 +5,16 @@
 //! t + g(σ(t)) = logit h, whose Jacobian I + ∂g/∂u·u(1 − u) the network's tangents give. At its solution the density is
 //! that of the chart, times u(1 − u)/(h(1 − h)) of both coordinates, over the Jacobian's determinant.
 
+use super::batch::Tiles;
 use super::head::is_inside;
-use super::kernel::Values;
 use super::math::{EXP_MAX, exp, ln};
 use super::place::Place;
 use super::sample::Sampler;
-use super::shift::Shift;
+use super::scratch::Work;
+use super::shift::Shifter;
 use super::square::hemisphere_to_square;
-use super::tile::{Column, finite_or_zero, is_finite, queries, read_directions, write};
-use super::vector::{Simd, Task, Vector};
+use super::tile::{Column, finite_or_zero, is_finite, read_directions, write};
+use super::vector::{Simd, Task, Vector, lanes};
 use crate::backend::Points;
 use crate::oracle::{DET_MIN, STEP_MAX};
 use crate::spec::{CHARTS_MAX, WARP_SHIFT_MAX};
@@ -25,9 +26,6 @@ const STEPS_MAX: usize = 12;
 /// Largest residual of t + g − logit h that counts as solved: some roundings of logits up to 28. One step earlier it was
 /// about the square root of that.
 const RESIDUAL_MAX: f32 = 2e-5;
-
-/// Lanes of the widest tier.
-const LANES_MAX: usize = 16;
 
 /// How many inversions a batch took, and how many failed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,15 +49,16 @@ impl Inversions {
     }
 }
 
-impl<V: Vector, const N: usize> Sampler<V, N> {
+impl Sampler {
     /// Of every chart its share times its density at `wi`, sr⁻¹; directions are folded as the cameras of `place`. Zeros on
     /// the disk, whose map need not be one to one.
     #[inline(always)]
-    pub fn invert<S: Simd<Vector = V>>(
-        &mut self,
+    pub fn invert<S: Simd<Vector = V>, V: Vector, const N: usize>(
+        &self,
         simd: S,
         place: &Place<V, N>,
         wi: &[Column<V, N>; 3],
+        work: Work<V, N>,
         inversions: &mut Inversions,
     ) -> [Column<V, N>; CHARTS_MAX] {
         let mut parts = [[simd.splat(0.0); N]; CHARTS_MAX];
@@ -68,6 +67,7 @@ impl<V: Vector, const N: usize> Sampler<V, N> {
             sampler: self,
             place,
             wi,
+            work,
             inversions,
             parts: &mut parts,
         });
@@ -78,9 +78,10 @@ impl<V: Vector, const N: usize> Sampler<V, N> {
 /// [`Sampler::invert`]: a task of its own, so that both of its callers share one copy of its code.
 struct Tile<'t, 'a, S: Simd, const N: usize> {
     simd: S,
-    sampler: &'t mut Sampler<S::Vector, N>,
+    sampler: &'t Sampler,
     place: &'t Place<'a, S::Vector, N>,
     wi: &'t [Column<S::Vector, N>; 3],
+    work: Work<'t, S::Vector, N>,
     inversions: &'t mut Inversions,
     parts: &'t mut [Column<S::Vector, N>; CHARTS_MAX],
 }
@@ -89,11 +90,13 @@ impl<S: Simd, const N: usize> Task for Tile<'_, '_, S, N> {
     #[inline(always)]
     fn run(self) {
         let Tile { simd, place, wi, .. } = self;
-        let Sampler {
-            program,
+        let Sampler { program, shift } = self.sampler;
+        let Work { values, slopes } = self.work;
+        let mut shifter = Shifter {
             shift,
-            values,
-        } = self.sampler;
+            buffers: slopes,
+            live: place.live,
+        };
         let (zero, one) = (simd.splat(0.0), simd.splat(1.0));
         let Some(frames) = &program.frames else {
             return;
@@ -105,14 +108,14 @@ impl<S: Simd, const N: usize> Task for Tile<'_, '_, S, N> {
             // Where u alone enters, there is one feature of weight 0.
             values.input()[0] = [zero; N];
             scalars.encode(simd, &shift.other_inputs, values.input());
-            let sums = values.sums::<Values>(&shift.others);
+            let sums = values.sums(simd, &shift.others, place.live);
             for (q, part) in self.parts[c].iter_mut().enumerate() {
                 let w = [wi[0][q], wi[1][q], wi[2][q]];
                 let (local, density) = place.chart(frames, c, q).to_local(w);
                 let (h, rest) = hemisphere_to_square(local);
                 let validity = place.cameras.validity[q];
                 let target = [ln(h[0] / rest[0]), ln(h[1] / rest[1])];
-                let root = Root::find(simd, shift, sums, q, target, validity);
+                let root = Root::find(simd, &mut shifter, sums, q, target, validity);
                 let per_square = root.areas[0] / (h[0] * rest[0]) * (root.areas[1] / (h[1] * rest[1]));
                 let open = root.is_open();
                 let exact = density * per_square / root.det.abs();
@@ -144,7 +147,7 @@ impl<V: Vector> Root<V> {
     #[inline(always)]
     fn find<S: Simd<Vector = V>, const N: usize>(
         simd: S,
-        shift: &mut Shift<V>,
+        shifter: &mut Shifter<V>,
         sums: &[Column<V, N>],
         q: usize,
         target: [V; 2],
@@ -164,7 +167,7 @@ impl<V: Vector> Root<V> {
             let places = [Logistic::new(t[0]), Logistic::new(t[1])];
             let u = [places[0].u, places[1].u];
             let areas = [places[0].area, places[1].area];
-            let [gx, gy] = shift.at(simd, sums, q, u);
+            let [gx, gy] = shifter.at(simd, sums, q, u);
             let ([gx, xx, xy], [gy, yx, yy]) = (clamped(gx), clamped(gy));
             let (xx, xy) = (xx.mul_add(areas[0], one), xy * areas[1]);
             let (yx, yy) = (yx * areas[0], yy.mul_add(areas[1], one));
@@ -236,18 +239,10 @@ fn clamped<V: Vector>([g, by_x, by_y]: [V; 3]) -> [V; 3] {
     ]
 }
 
-/// The lanes of `v`, zeros beyond.
-#[inline(always)]
-fn lanes<V: Vector>(v: V) -> [f32; LANES_MAX] {
-    let mut lanes = [0.0; LANES_MAX];
-    v.store(&mut lanes[..V::LANES]);
-    lanes
-}
-
 /// Exact densities on a batch.
-pub struct ExactPdf<'a, S: Simd, const N: usize> {
+pub struct ExactPdf<'a, S: Simd> {
     pub simd: S,
-    pub sampler: &'a mut Sampler<S::Vector, N>,
+    pub sampler: &'a Sampler,
     pub points: Points<'a>,
     pub wi: [&'a [f32]; 3],
     pub pdf: &'a mut [f32],
@@ -255,20 +250,22 @@ pub struct ExactPdf<'a, S: Simd, const N: usize> {
     pub inversions: &'a mut Inversions,
 }
 
-impl<S: Simd, const N: usize> Task for ExactPdf<'_, S, N> {
+impl<S: Simd> Tiles<S::Vector> for ExactPdf<'_, S> {
+    fn count(&self) -> usize {
+        self.points.len()
+    }
+
     #[inline(always)]
-    fn run(self) {
-        for start in (0..self.points.len()).step_by(queries::<S::Vector, N>()) {
-            let Sampler { program, values, .. } = &mut *self.sampler;
-            let mut place = Place::read(self.simd, program, self.points, start, values);
-            let mut wi = read_directions(self.simd, self.wi, start);
-            place.cameras.fold_lights(&mut wi);
-            let [first, second] = self.sampler.invert(self.simd, &place, &wi, self.inversions);
-            let validity = place.cameras.validity;
-            for (q, (first, second)) in first.into_iter().zip(second).enumerate() {
-                let value = finite_or_zero(first + second, validity[q]);
-                write(value, self.pdf, start, q);
-            }
+    fn tile<const N: usize>(&mut self, start: usize, live: usize, work: Work<S::Vector, N>) {
+        let program = &self.sampler.program;
+        let mut place = Place::read(self.simd, program, self.points, start, live, work.values);
+        let mut wi = read_directions(self.simd, self.wi, start);
+        place.cameras.fold_lights(&mut wi);
+        let [first, second] = self.sampler.invert(self.simd, &place, &wi, work, self.inversions);
+        let validity = place.cameras.validity;
+        for (q, (first, second)) in first.into_iter().zip(second).enumerate() {
+            let value = finite_or_zero(first + second, validity[q]);
+            write(value, self.pdf, start, q);
         }
     }
 }

@@ -261,6 +261,7 @@ mod tests {
     #[test]
     fn functions_keep_their_stated_bounds_on_every_tier() {
         check(arch::scalar::Scalar);
+        check(arch::portable::Portable);
         #[cfg(target_arch = "x86_64")]
         {
             arch::avx2::Avx2::new().into_iter().for_each(check);

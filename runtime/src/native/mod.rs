@@ -5,74 +5,43 @@
 //! buffers that stay in the first-level cache. Results do not depend on how queries are batched.
 
 pub(crate) mod arch;
+mod batch;
 mod chart;
+mod columns;
 mod density;
 mod encode;
 mod head;
 mod invert;
 mod kernel;
+mod layer;
+mod layers;
+mod lines;
 pub(crate) mod math;
 mod place;
 mod program;
 mod runner;
 mod sample;
+mod scratch;
 mod shift;
 mod square;
+mod stack;
+mod tier;
 mod tile;
 pub(crate) mod vector;
 
 use crate::backend::{Backend, BakedMaterial, Points, check_lengths};
 use crate::error::{Error, Result};
+use arch::portable::Portable;
 use arch::scalar::Scalar;
 pub use invert::Inversions;
+pub use layers::Layers;
 use runner::{Run, Runner};
+pub use tier::{TIER_VARIABLE, Tier};
 
-/// A set of instructions that the kernels are compiled for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Tier {
-    /// One lane, any processor.
-    Scalar,
-    /// Eight lanes: AVX2 and FMA.
-    Avx2,
-    /// Sixteen lanes: AVX-512F.
-    Avx512,
-}
-
-impl Tier {
-    /// The tiers that this processor has, slowest first.
-    pub fn available() -> Vec<Tier> {
-        let all = [Tier::Scalar, Tier::Avx2, Tier::Avx512];
-        all.into_iter().filter(|tier| tier.exists()).collect()
-    }
-
-    fn exists(self) -> bool {
-        match self {
-            Tier::Scalar => true,
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx2 => arch::avx2::Avx2::new().is_some(),
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx512 => arch::avx512::Avx512::new().is_some(),
-            #[cfg(not(target_arch = "x86_64"))]
-            Tier::Avx2 | Tier::Avx512 => false,
-        }
-    }
-
-    /// The fastest tier of this processor.
-    pub fn best() -> Tier {
-        Tier::available().last().copied().unwrap_or(Tier::Scalar)
-    }
-
-    /// The name in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Tier::Scalar => "scalar",
-            Tier::Avx2 => "avx2",
-            Tier::Avx512 => "avx512",
-        }
-    }
-}
-
-/// The networks of one material, packed for a tier, with the buffers they run in: no call allocates.
+/// The networks of one material, packed for a tier.
+///
+/// One serves any number of threads at once. The buffers that queries run in belong to threads: a thread's first call, and
+/// its first on wider networks than before, allocates them; no other call allocates.
 pub struct NativeBackend {
     runner: Box<dyn Run>,
     /// Number of free parameters.
@@ -88,7 +57,8 @@ impl NativeBackend {
     pub fn new(material: &BakedMaterial, tier: Tier) -> Result<NativeBackend> {
         // The number is that of vectors per tile: with four output rows the sums stay in the tier's registers.
         let runner: Box<dyn Run> = match tier {
-            Tier::Scalar => Box::new(Runner::<Scalar, 4>::new(material, Scalar)?),
+            Tier::Scalar => Box::new(Runner::<_, 4>::new(material, Scalar)?),
+            Tier::Portable => Box::new(Runner::<_, 3>::new(material, Portable)?),
             #[cfg(target_arch = "x86_64")]
             Tier::Avx2 => {
                 let simd = arch::avx2::Avx2::new().ok_or(Error::Tier(tier.name()))?;
@@ -108,6 +78,27 @@ impl NativeBackend {
         })
     }
 
+    /// The same material with those free parameters fixed that have `values`, one per free parameter in the order of
+    /// [`crate::Material::free`]. They cost nothing any more: what the networks' first layers make of them is added to the
+    /// bias, in f64. [`Points::params`] of the result holds the other parameters alone.
+    ///
+    /// Bound materials share their weights with the one that they come from.
+    ///
+    /// # Errors
+    /// [`Error::BatchLength`] when the number of values is not that of the free parameters, [`Error::Query`] for a value that
+    /// is not finite.
+    pub fn bind(&self, values: &[Option<f32>]) -> Result<NativeBackend> {
+        check_lengths(self.free, &[("params", values.len())])?;
+        if let Some(i) = values.iter().position(|v| v.is_some_and(|v| !v.is_finite())) {
+            return Err(Error::query(format!("params[{i}]"), "it must be a finite number"));
+        }
+        let values: Vec<Option<f64>> = values.iter().map(|v| v.map(f64::from)).collect();
+        Ok(NativeBackend {
+            free: values.iter().filter(|value| value.is_none()).count(),
+            runner: self.runner.bound(&values),
+        })
+    }
+
     /// The density of what [`Backend::sample_jacobian`] draws at `wi`, sr⁻¹, by inverting the map: with one chart the
     /// reciprocal of its Jacobian, with two the mixture of both by their shares.
     ///
@@ -117,7 +108,7 @@ impl NativeBackend {
     /// # Errors
     /// [`Error::BatchLength`] when slices differ in length, [`Error::Query`] for a network on the disk, whose map need not
     /// be one to one.
-    pub fn exact_pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<Inversions> {
+    pub fn exact_pdf(&self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<Inversions> {
         points.check(self.free)?;
         check_lengths(points.len(), &lengths("wi", &wi))?;
         check_lengths(points.len(), &[("pdf", pdf.len())])?;
@@ -138,7 +129,7 @@ impl NativeBackend {
     /// # Errors
     /// [`Error::BatchLength`] when slices differ in length.
     pub fn sample_mixture(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
@@ -164,7 +155,7 @@ impl NativeBackend {
 
 impl Backend for NativeBackend {
     fn sample_learned(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
@@ -179,7 +170,7 @@ impl Backend for NativeBackend {
     }
 
     fn sample_jacobian(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
@@ -190,7 +181,7 @@ impl Backend for NativeBackend {
         Ok(())
     }
 
-    fn eval(&mut self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()> {
+    fn eval(&self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()> {
         points.check(self.free)?;
         check_lengths(points.len(), &lengths("wi", &wi))?;
         check_lengths(points.len(), &lengths("f_cos", &f_cos))?;
@@ -198,7 +189,7 @@ impl Backend for NativeBackend {
         Ok(())
     }
 
-    fn pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
+    fn pdf(&self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
         points.check(self.free)?;
         check_lengths(points.len(), &lengths("wi", &wi))?;
         check_lengths(points.len(), &[("pdf", pdf.len())])?;

@@ -3,10 +3,10 @@
 
 use super::chart::{Chart, Start};
 use super::encode::{Feature, Scalars};
-use super::kernel::{Buffers, Stack};
 use super::math::sigmoid;
-use super::program::{Program, features};
-use super::tile::{Cameras, Column, each, read_parameter};
+use super::program::{Program, bind_first_layer, renumbered};
+use super::stack::{Buffers, Stack};
+use super::tile::{Cameras, Column, read_parameter};
 use super::vector::{Simd, Task, Vector};
 use crate::anchor::{ANCHOR_SCALARS, Anchor};
 use crate::backend::Points;
@@ -18,6 +18,7 @@ use crate::spec::{CHARTS_MAX, ChartsSpec, Input, Roughness, SHARE_MIN};
 const OUTPUTS_MAX: usize = FRAME_OUTPUTS * CHARTS_MAX + 1;
 
 /// The charts of a network, ready for vectors.
+#[derive(Clone)]
 pub struct Frames {
     anchors: Vec<Anchor>,
     alpha: [Roughness; 2],
@@ -36,10 +37,25 @@ impl Frames {
         Frames {
             anchors: spec.anchors.clone(),
             alpha: spec.alpha,
-            inputs: features(&spec.inputs),
+            inputs: Feature::all(&spec.inputs),
             net,
             mirror: scalars || spec.anchors.contains(&Anchor::Mirror),
             scalars,
+        }
+    }
+
+    /// See [`Program::bound`].
+    pub fn bind(&mut self, values: &[Option<f64>]) {
+        bind_first_layer(&mut self.net, &mut self.inputs, values);
+        for alpha in &mut self.alpha {
+            let all: Vec<f64> = values.iter().map(|value| value.unwrap_or(0.0)).collect();
+            let known = alpha.at(&all);
+            if let Roughness::Free { parameter, .. } = alpha {
+                match values[*parameter] {
+                    Some(_) => *alpha = Roughness::Fixed(known),
+                    None => *parameter = renumbered(*parameter, values),
+                }
+            }
         }
     }
 
@@ -55,6 +71,8 @@ pub struct Place<'a, V, const N: usize> {
     pub points: Points<'a>,
     /// The tile's first query.
     pub start: usize,
+    /// Queries of the tile that count.
+    pub live: usize,
     /// The cameras.
     pub cameras: Cameras<V, N>,
     mirror: [Start<V>; N],
@@ -63,19 +81,22 @@ pub struct Place<'a, V, const N: usize> {
 }
 
 impl<'a, V: Vector, const N: usize> Place<'a, V, N> {
-    /// Reads the tile of `points` that begins at `start` and runs the frame network of `program`.
+    /// Reads the tile of `points` that begins at `start`, of which the first `live` queries count, and runs the frame network
+    /// of `program`.
     #[inline(always)]
     pub fn read<S: Simd<Vector = V>>(
         simd: S,
         program: &Program,
         points: Points<'a>,
         start: usize,
+        live: usize,
         buffers: &mut Buffers<V, N>,
     ) -> Self {
         let zero = simd.splat(0.0);
         let mut place = Place {
             points,
             start,
+            live,
             cameras: Cameras::read(simd, program.symmetry, &points, start),
             mirror: [Start::identity(zero); N],
             anchor: [[zero; N]; ANCHOR_SCALARS],
@@ -182,7 +203,7 @@ impl<S: Simd, const N: usize> Task for Predict<'_, '_, S, N> {
             }
         }
         place.scalars().encode(simd, &frames.inputs, buffers.input());
-        let rows = buffers.run(simd, &frames.net);
+        let rows = buffers.run(simd, &frames.net, place.live);
         for (column, row) in place.frames.iter_mut().zip(rows) {
             *column = *row;
         }
@@ -203,9 +224,13 @@ fn roughness<S: Simd, const N: usize>(
             parameter,
             factor,
             power,
-        } => each(read_parameter(simd, points.params[parameter], start), |p| {
-            let raised = if power == 2 { p * p } else { p };
-            (raised * p.splat(factor as f32)).max(p.splat(Roughness::MIN as f32))
-        }),
+        } => {
+            let mut column: Column<S::Vector, N> = read_parameter(simd, points.params[parameter], start);
+            for p in &mut column {
+                let raised = if power == 2 { *p * *p } else { *p };
+                *p = (raised * p.splat(factor as f32)).max(p.splat(Roughness::MIN as f32));
+            }
+            column
+        }
     }
 }

@@ -1,13 +1,16 @@
 //! A network checked against its specification and packed for the kernels.
 
 use super::encode::Feature;
-use super::kernel::{Layer, Stack};
+use super::layer::Layer;
 use super::place::Frames;
+use super::stack::Stack;
+use crate::encoding::Quantity;
 use crate::error::{Error, Result};
 use crate::network::{Dense, Network};
-use crate::spec::{Activation, Input, Role, Symmetry};
+use crate::spec::{Activation, Role, Symmetry};
 
-/// A packed network.
+/// A packed network; copies share its weights.
+#[derive(Clone)]
 pub struct Program {
     /// How queries are folded.
     pub symmetry: Symmetry,
@@ -56,11 +59,21 @@ impl Program {
         });
         Ok(Program {
             symmetry: spec.symmetry,
-            inputs: features(&spec.inputs),
+            inputs: Feature::all(&spec.inputs),
             net: stack(spec.activation, &network.net),
             frames,
             width: widths.max().unwrap_or(0),
         })
+    }
+
+    /// The same with the free parameters that have `values` folded into the first layers; the others are counted anew.
+    pub fn bound(&self, values: &[Option<f64>]) -> Program {
+        let mut bound = self.clone();
+        bind_first_layer(&mut bound.net, &mut bound.inputs, values);
+        if let Some(frames) = &mut bound.frames {
+            frames.bind(values);
+        }
+        bound
     }
 
     /// Number of charts; 0 on the disk.
@@ -69,12 +82,8 @@ impl Program {
     }
 }
 
-/// The inputs, ready for vectors.
-pub fn features(inputs: &[Input]) -> Vec<Feature> {
-    inputs.iter().map(Feature::new).collect()
-}
-
-fn stack(activation: Activation, layers: &[Dense]) -> Stack {
+/// `layers`, of which there is one at least, packed.
+pub fn stack(activation: Activation, layers: &[Dense]) -> Stack {
     let (last, hidden) = layers.split_last().expect("a chain has at least one layer");
     Stack {
         activation,
@@ -82,4 +91,29 @@ fn stack(activation: Activation, layers: &[Dense]) -> Stack {
         hidden: hidden.iter().map(Layer::new).collect(),
         last: Some(Layer::new(last)),
     }
+}
+
+/// Folds those of `inputs` that the parameters `values` decide into the first layer of `net`, and numbers the parameters of
+/// the rest anew.
+pub fn bind_first_layer(net: &mut Stack, inputs: &mut Vec<Feature>, values: &[Option<f64>]) {
+    let mut known = Vec::new();
+    inputs.retain_mut(|input| {
+        let Quantity::Parameter(parameter) = &mut input.quantity else {
+            return true;
+        };
+        let number = *parameter;
+        *parameter = renumbered(number, values);
+        if let Some(value) = values[number] {
+            known.extend(input.rows.clone().zip(input.of_number(value)));
+        }
+        values[number].is_none()
+    });
+    let first = net.hidden.first_mut().or(net.last.as_mut());
+    let first = first.expect("a chain has at least one layer");
+    *first = first.folded(&known);
+}
+
+/// The number of the free parameter `parameter` where those with `values` are not free any more.
+pub fn renumbered(parameter: usize, values: &[Option<f64>]) -> usize {
+    values[..parameter].iter().filter(|value| value.is_none()).count()
 }

@@ -1,30 +1,26 @@
 //! The networks of one material, packed for one tier, and the tasks that run them. Lengths are checked by the caller.
 
+use super::batch::{self, Tiles};
 use super::density::{Densities, Density};
 use super::invert::{ExactPdf, Inversions};
 use super::sample::{Jacobian, Learned, Partition, Sampler};
+use super::scratch;
 use super::vector::Simd;
 use crate::backend::{BakedMaterial, Points};
 use crate::error::{Error, Result};
 use crate::spec::{CHARTS_MAX, Role};
 
 /// What every tier can do: [`crate::Backend`] and the inversions of [`super::NativeBackend`], without their errors.
-pub trait Run: Send {
+pub trait Run: Send + Sync {
     /// [`crate::Backend::sample_learned`].
-    fn sample_learned(
-        &mut self,
-        points: Points,
-        u: [&[f32]; 2],
-        wi: [&mut [f32]; 3],
-        weight: [&mut [f32]; 3],
-    );
+    fn sample_learned(&self, points: Points, u: [&[f32]; 2], wi: [&mut [f32]; 3], weight: [&mut [f32]; 3]);
 
     /// [`crate::Backend::sample_jacobian`].
-    fn sample_jacobian(&mut self, points: Points, u: [&[f32]; 2], wi: [&mut [f32]; 3], jacobian: &mut [f32]);
+    fn sample_jacobian(&self, points: Points, u: [&[f32]; 2], wi: [&mut [f32]; 3], jacobian: &mut [f32]);
 
     /// [`super::NativeBackend::sample_mixture`].
     fn sample_mixture(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
@@ -32,21 +28,26 @@ pub trait Run: Send {
     ) -> Inversions;
 
     /// [`crate::Backend::eval`].
-    fn eval(&mut self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]);
+    fn eval(&self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]);
 
     /// [`crate::Backend::pdf`].
-    fn pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]);
+    fn pdf(&self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]);
+
+    /// [`super::NativeBackend::bind`]; there is a value for every free parameter.
+    fn bound(&self, values: &[Option<f64>]) -> Box<dyn Run>;
 
     /// [`super::NativeBackend::exact_pdf`]; `None` on the disk.
-    fn exact_pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Option<Inversions>;
+    fn exact_pdf(&self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Option<Inversions>;
 }
 
-/// The networks packed for one tier, `N` vectors of queries per tile.
-pub struct Runner<S: Simd, const N: usize> {
+/// The networks packed for one tier, to run in tiles of `N` vectors.
+pub struct Runner<S, const N: usize> {
     simd: S,
-    sampler: Sampler<S::Vector, N>,
-    eval: Densities<S::Vector, N>,
-    pdf: Densities<S::Vector, N>,
+    sampler: Sampler,
+    eval: Densities,
+    pdf: Densities,
+    /// Widest layer or input of all networks.
+    width: usize,
 }
 
 impl<S: Simd, const N: usize> Runner<S, N> {
@@ -55,13 +56,12 @@ impl<S: Simd, const N: usize> Runner<S, N> {
     /// # Errors
     /// [`Error::Network`] when one contradicts itself or the others.
     pub fn new(material: &BakedMaterial, simd: S) -> Result<Self> {
-        let zero = simd.splat(0.0);
-        let runner = Runner {
+        let runner = Runner::of(
             simd,
-            sampler: Sampler::new(&material.sample, zero)?,
-            eval: Densities::new(&material.eval, Role::Eval, zero)?,
-            pdf: Densities::new(&material.pdf, Role::Pdf, zero)?,
-        };
+            Sampler::new(&material.sample)?,
+            Densities::new(&material.eval, Role::Eval)?,
+            Densities::new(&material.pdf, Role::Pdf)?,
+        );
         let refuse = |role: Role, reason: &str| {
             Err(Error::network(
                 format!("the {} network", role.name()),
@@ -80,17 +80,39 @@ impl<S: Simd, const N: usize> Runner<S, N> {
     }
 }
 
+impl<S: Simd, const N: usize> Runner<S, N> {
+    fn of(simd: S, sampler: Sampler, eval: Densities, pdf: Densities) -> Self {
+        let widths = [&sampler.program, &eval.program, &pdf.program].map(|program| program.width);
+        Runner {
+            simd,
+            sampler,
+            eval,
+            pdf,
+            width: widths.into_iter().max().unwrap_or(0),
+        }
+    }
+
+    /// Runs `job` in this thread's buffers.
+    fn run(&self, job: &mut impl Tiles<S::Vector>) {
+        let zero = self.simd.splat(0.0);
+        scratch::with::<S::Vector, N>(self.width, zero, |scratch| batch::run(self.simd, scratch, job));
+    }
+}
+
 impl<S: Simd, const N: usize> Run for Runner<S, N> {
-    fn sample_learned(
-        &mut self,
-        points: Points,
-        u: [&[f32]; 2],
-        wi: [&mut [f32]; 3],
-        weight: [&mut [f32]; 3],
-    ) {
-        self.simd.enter(Learned {
+    fn bound(&self, values: &[Option<f64>]) -> Box<dyn Run> {
+        Box::new(Runner::<S, N>::of(
+            self.simd,
+            self.sampler.bound(values),
+            self.eval.bound(values),
+            self.pdf.bound(values),
+        ))
+    }
+
+    fn sample_learned(&self, points: Points, u: [&[f32]; 2], wi: [&mut [f32]; 3], weight: [&mut [f32]; 3]) {
+        self.run(&mut Learned {
             simd: self.simd,
-            sampler: &mut self.sampler,
+            sampler: &self.sampler,
             points,
             u,
             wi,
@@ -98,14 +120,14 @@ impl<S: Simd, const N: usize> Run for Runner<S, N> {
         });
     }
 
-    fn sample_jacobian(&mut self, points: Points, u: [&[f32]; 2], wi: [&mut [f32]; 3], jacobian: &mut [f32]) {
+    fn sample_jacobian(&self, points: Points, u: [&[f32]; 2], wi: [&mut [f32]; 3], jacobian: &mut [f32]) {
         let partition = match self.sampler.program.charts() {
-            CHARTS_MAX => Partition::Learned(&mut self.pdf),
+            CHARTS_MAX => Partition::Learned(&self.pdf),
             _ => Partition::None,
         };
-        self.simd.enter(Jacobian {
+        self.run(&mut Jacobian {
             simd: self.simd,
-            sampler: &mut self.sampler,
+            sampler: &self.sampler,
             partition,
             points,
             u,
@@ -115,7 +137,7 @@ impl<S: Simd, const N: usize> Run for Runner<S, N> {
     }
 
     fn sample_mixture(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
@@ -126,9 +148,9 @@ impl<S: Simd, const N: usize> Run for Runner<S, N> {
             CHARTS_MAX => Partition::Exact(&mut inversions),
             _ => Partition::None,
         };
-        self.simd.enter(Jacobian {
+        self.run(&mut Jacobian {
             simd: self.simd,
-            sampler: &mut self.sampler,
+            sampler: &self.sampler,
             partition,
             points,
             u,
@@ -138,32 +160,32 @@ impl<S: Simd, const N: usize> Run for Runner<S, N> {
         inversions
     }
 
-    fn eval(&mut self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) {
-        self.simd.enter(Density {
+    fn eval(&self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) {
+        self.run(&mut Density {
             simd: self.simd,
-            densities: &mut self.eval,
+            densities: &self.eval,
             points,
             wi,
             out: f_cos,
         });
     }
 
-    fn pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) {
-        self.simd.enter(Density {
+    fn pdf(&self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) {
+        self.run(&mut Density {
             simd: self.simd,
-            densities: &mut self.pdf,
+            densities: &self.pdf,
             points,
             wi,
             out: [pdf],
         });
     }
 
-    fn exact_pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Option<Inversions> {
+    fn exact_pdf(&self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Option<Inversions> {
         self.sampler.program.frames.as_ref()?;
         let mut inversions = Inversions::default();
-        self.simd.enter(ExactPdf {
+        self.run(&mut ExactPdf {
             simd: self.simd,
-            sampler: &mut self.sampler,
+            sampler: &self.sampler,
             points,
             wi,
             pdf,

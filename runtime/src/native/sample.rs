@@ -1,16 +1,18 @@
 //! Sampling queries: (parameters, wo, u) ↦ wi with the learned weight, or with the signed Jacobian determinant.
 
-use super::density::Densities;
+use super::batch::Tiles;
+use super::density::{Densities, Parts};
 use super::head::{Head, disk_direction};
 use super::invert::Inversions;
-use super::kernel::{Buffers, Values};
 use super::math::exp;
 use super::place::Place;
 use super::program::Program;
-use super::shift::Shift;
+use super::scratch::Work;
+use super::shift::{Shift, Shifter};
 use super::square::square_to_hemisphere;
-use super::tile::{Column, finite_or_zero, is_finite, queries, read, write};
-use super::vector::{Simd, Task, Vector};
+use super::stack::Buffers;
+use super::tile::{Column, finite_or_zero, is_finite, read, write};
+use super::vector::{Simd, Vector};
 use crate::backend::Points;
 use crate::error::Result;
 use crate::network::Network;
@@ -19,41 +21,47 @@ use crate::spec::{CHARTS_MAX, EXPONENT_MAX, Role, U_MIN};
 /// The largest u that a warp head uses: the last f32 below 1.
 const U_MAX: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// A sampling network and the buffers it runs in.
-pub struct Sampler<V, const N: usize> {
+/// A sampling network.
+pub struct Sampler {
     /// The network.
     pub program: Program,
     /// Its position with derivatives.
-    pub shift: Shift<V>,
-    /// Inputs, and what layers make of them.
-    pub values: Buffers<V, N>,
+    pub shift: Shift,
 }
 
-impl<V: Vector, const N: usize> Sampler<V, N> {
-    /// Packs `network`; `zero` makes the buffers.
+impl Sampler {
+    /// Packs `network`.
     ///
     /// # Errors
     /// Those of [`Program::new`].
-    pub fn new(network: &Network, zero: V) -> Result<Self> {
-        let program = Program::new(network, Role::Sample)?;
-        Ok(Sampler {
-            shift: Shift::new(network, &program, zero),
-            values: Buffers::new(program.width, zero),
-            program,
-        })
+    pub fn new(network: &Network) -> Result<Self> {
+        Ok(Sampler::of(Program::new(network, Role::Sample)?))
     }
 
-    /// Reads the tile that begins at `start`, runs the frame network, draws charts and leaves the network's features in
-    /// `values`.
+    fn of(program: Program) -> Self {
+        Sampler {
+            shift: Shift::new(&program),
+            program,
+        }
+    }
+
+    /// See [`Program::bound`].
+    pub fn bound(&self, values: &[Option<f64>]) -> Self {
+        Sampler::of(self.program.bound(values))
+    }
+
+    /// Reads the tile that begins at `start`, of which the first `live` queries count, runs the frame network, draws charts and
+    /// leaves the network's features in `values`.
     #[inline(always)]
-    fn draw<'a, S: Simd<Vector = V>>(
-        &mut self,
+    fn draw<'a, S: Simd<Vector = V>, V: Vector, const N: usize>(
+        &self,
         simd: S,
         points: Points<'a>,
         u: [&[f32]; 2],
-        start: usize,
+        [start, live]: [usize; 2],
+        values: &mut Buffers<V, N>,
     ) -> Draw<'a, V, N> {
-        let place = Place::read(simd, &self.program, points, start, &mut self.values);
+        let place = Place::read(simd, &self.program, points, start, live, values);
         let one = simd.splat(1.0);
         let mut draw = Draw {
             place,
@@ -87,7 +95,7 @@ impl<V: Vector, const N: usize> Sampler<V, N> {
         let mut scalars = draw.place.scalars();
         scalars.u = &draw.u;
         scalars.chart = std::slice::from_ref(&draw.chart);
-        scalars.encode(simd, &self.program.inputs, self.values.input());
+        scalars.encode(simd, &self.program.inputs, values.input());
         draw
     }
 }
@@ -120,7 +128,10 @@ impl<V: Vector, const N: usize> Draw<'_, V, N> {
     #[inline(always)]
     fn heads(&self, program: &Program, g: [V; 2], q: usize) -> [Head<V>; 2] {
         match program.frames {
-            Some(_) => [0, 1].map(|c: usize| Head::new(self.u[c][q], self.rest[c][q], g[c])),
+            Some(_) => [
+                Head::new(self.u[0][q], self.rest[0][q], g[0]),
+                Head::new(self.u[1][q], self.rest[1][q], g[1]),
+            ],
             None => [Head::on_disk(g[0]), Head::on_disk(g[1])],
         }
     }
@@ -159,116 +170,128 @@ impl<V: Vector, const N: usize> Draw<'_, V, N> {
 }
 
 /// The learned estimator on a batch.
-pub struct Learned<'a, S: Simd, const N: usize> {
+pub struct Learned<'a, S: Simd> {
     pub simd: S,
-    pub sampler: &'a mut Sampler<S::Vector, N>,
+    pub sampler: &'a Sampler,
     pub points: Points<'a>,
     pub u: [&'a [f32]; 2],
     pub wi: [&'a mut [f32]; 3],
     pub weight: [&'a mut [f32]; 3],
 }
 
-impl<S: Simd, const N: usize> Task for Learned<'_, S, N> {
+impl<S: Simd> Tiles<S::Vector> for Learned<'_, S> {
+    fn count(&self) -> usize {
+        self.points.len()
+    }
+
     #[inline(always)]
-    fn run(mut self) {
-        for start in (0..self.points.len()).step_by(queries::<S::Vector, N>()) {
-            let draw = self.sampler.draw(self.simd, self.points, self.u, start);
-            let Sampler { program, values, .. } = &mut *self.sampler;
-            let out = values.run(self.simd, &program.net);
-            for q in 0..N {
-                let heads = draw.heads(program, [out[0][q], out[1][q]], q);
-                let light = draw.light(program, &heads, q);
-                for (component, out) in light.wi.into_iter().zip(&mut self.wi) {
-                    write(component, out, start, q);
-                }
-                for (weight, exponent) in self.weight.iter_mut().zip(&out[2..]) {
-                    let max = EXPONENT_MAX as f32;
-                    let value = exp(exponent[q].clamp(-max, max));
-                    write(finite_or_zero(value, light.validity), weight, start, q);
-                }
+    fn tile<const N: usize>(&mut self, start: usize, live: usize, work: Work<S::Vector, N>) {
+        let Work { values, .. } = work;
+        let draw = self
+            .sampler
+            .draw(self.simd, self.points, self.u, [start, live], values);
+        let program = &self.sampler.program;
+        let out = values.run(self.simd, &program.net, live);
+        for q in 0..N {
+            let heads = draw.heads(program, [out[0][q], out[1][q]], q);
+            let light = draw.light(program, &heads, q);
+            for (component, out) in light.wi.into_iter().zip(&mut self.wi) {
+                write(component, out, start, q);
+            }
+            for (weight, exponent) in self.weight.iter_mut().zip(&out[2..]) {
+                let max = EXPONENT_MAX as f32;
+                let value = exp(exponent[q].clamp(-max, max));
+                write(finite_or_zero(value, light.validity), weight, start, q);
             }
         }
     }
 }
 
 /// Where the weights come from by which several charts share what all of them could have drawn.
-pub enum Partition<'a, V, const N: usize> {
+pub enum Partition<'a> {
     /// There is one chart.
     None,
     /// Densities of the pdf network.
-    Learned(&'a mut Densities<V, N>),
+    Learned(&'a Densities),
     /// Densities by inversion of the map, which are counted.
     Exact(&'a mut Inversions),
 }
 
 /// The exact estimators on a batch.
-pub struct Jacobian<'a, S: Simd, const N: usize> {
+pub struct Jacobian<'a, S: Simd> {
     pub simd: S,
-    pub sampler: &'a mut Sampler<S::Vector, N>,
-    pub partition: Partition<'a, S::Vector, N>,
+    pub sampler: &'a Sampler,
+    pub partition: Partition<'a>,
     pub points: Points<'a>,
     pub u: [&'a [f32]; 2],
     pub wi: [&'a mut [f32]; 3],
     pub jacobian: &'a mut [f32],
 }
 
-impl<S: Simd, const N: usize> Task for Jacobian<'_, S, N> {
+impl<S: Simd> Tiles<S::Vector> for Jacobian<'_, S> {
+    fn count(&self) -> usize {
+        self.points.len()
+    }
+
     #[inline(always)]
-    fn run(mut self) {
-        let zero = self.simd.splat(0.0);
-        for start in (0..self.points.len()).step_by(queries::<S::Vector, N>()) {
-            let mut draw = self.sampler.draw(self.simd, self.points, self.u, start);
-            let Sampler {
-                program,
-                shift,
-                values,
-            } = &mut *self.sampler;
-            let (mut wi, mut jacobian, mut validity) = ([[zero; N]; 3], [zero; N], [zero; N]);
-            let sums = values.sums::<Values>(&shift.first);
-            for q in 0..N {
-                let u = [draw.u[0][q], draw.u[1][q]];
-                let [[gx, xx, xy], [gy, yx, yy]] = shift.after(self.simd, sums, q, u);
-                let heads = draw.heads(program, [gx, gy], q);
-                let light = draw.light(program, &heads, q);
-                let (shift_x, shift_y) = (heads[0].by_shift(), heads[1].by_shift());
-                let (direct_x, direct_y) = match program.frames {
-                    Some(_) => (heads[0].by_u(), heads[1].by_u()),
-                    None => (zero, zero),
-                };
-                let diagonal = shift_x.mul_add(xx, direct_x) * shift_y.mul_add(yy, direct_y);
-                let det = diagonal - shift_x * xy * (shift_y * yx);
-                jacobian[q] = det * light.area;
-                validity[q] = light.validity;
-                for (column, component) in wi.iter_mut().zip(light.wi) {
-                    column[q] = component;
-                }
-            }
-            for q in 0..N {
-                for (column, out) in wi.iter().zip(&mut self.wi) {
-                    write(column[q], out, start, q);
-                }
-            }
-            let parts = match &mut self.partition {
-                Partition::None => None,
-                Partition::Learned(pdf) => {
-                    let parts = pdf.parts::<S, 1>(self.simd, self.points, start, wi);
-                    let [[first], [second]] = parts.charts;
-                    Some([first, second])
-                }
-                Partition::Exact(inversions) => {
-                    draw.place.cameras.fold_lights(&mut wi);
-                    Some(self.sampler.invert(self.simd, &draw.place, &wi, inversions))
-                }
+    fn tile<const N: usize>(&mut self, start: usize, live: usize, work: Work<S::Vector, N>) {
+        let (simd, zero) = (self.simd, self.simd.splat(0.0));
+        let Work { values, slopes } = work;
+        let mut draw = self
+            .sampler
+            .draw(simd, self.points, self.u, [start, live], values);
+        let Sampler { program, shift } = self.sampler;
+        let mut shifter = Shifter {
+            shift,
+            buffers: &mut *slopes,
+            live,
+        };
+        let (mut wi, mut jacobian, mut validity) = ([[zero; N]; 3], [zero; N], [zero; N]);
+        let sums = values.sums(simd, &shift.first, live);
+        for q in 0..N {
+            let u = [draw.u[0][q], draw.u[1][q]];
+            let [[gx, xx, xy], [gy, yx, yy]] = shifter.after(simd, sums, q, u);
+            let heads = draw.heads(program, [gx, gy], q);
+            let light = draw.light(program, &heads, q);
+            let (shift_x, shift_y) = (heads[0].by_shift(), heads[1].by_shift());
+            let (direct_x, direct_y) = match program.frames {
+                Some(_) => (heads[0].by_u(), heads[1].by_u()),
+                None => (zero, zero),
             };
-            for q in 0..N {
-                let mut value = jacobian[q];
-                if let Some([first, second]) = &parts {
-                    let is_first = zero.less(draw.chart[q]);
-                    let drawn = Vector::select(is_first, first[q], second[q]);
-                    value = value * (drawn / (first[q] + second[q]));
-                }
-                write(finite_or_zero(value, validity[q]), self.jacobian, start, q);
+            let diagonal = shift_x.mul_add(xx, direct_x) * shift_y.mul_add(yy, direct_y);
+            let det = diagonal - shift_x * xy * (shift_y * yx);
+            jacobian[q] = det * light.area;
+            validity[q] = light.validity;
+            for (column, component) in wi.iter_mut().zip(light.wi) {
+                column[q] = component;
             }
+        }
+        for q in 0..N {
+            for (column, out) in wi.iter().zip(&mut self.wi) {
+                write(column[q], out, start, q);
+            }
+        }
+        let parts = match &mut self.partition {
+            Partition::None => None,
+            Partition::Learned(pdf) => {
+                let parts: Parts<S::Vector, N, 1> = pdf.parts(simd, self.points, [start, live], wi, values);
+                let [[first], [second]] = parts.charts;
+                Some([first, second])
+            }
+            Partition::Exact(inversions) => {
+                draw.place.cameras.fold_lights(&mut wi);
+                let work = Work { values, slopes };
+                Some(self.sampler.invert(simd, &draw.place, &wi, work, inversions))
+            }
+        };
+        for q in 0..N {
+            let mut value = jacobian[q];
+            if let Some([first, second]) = &parts {
+                let is_first = zero.less(draw.chart[q]);
+                let drawn = Vector::select(is_first, first[q], second[q]);
+                value = value * (drawn / (first[q] + second[q]));
+            }
+            write(finite_or_zero(value, validity[q]), self.jacobian, start, q);
         }
     }
 }

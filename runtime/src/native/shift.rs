@@ -1,15 +1,16 @@
 //! The shift g of a warp, or the position on the disk, with its derivatives by u: the part of a sampling network that u
 //! goes through, on a value and two tangents side by side.
 
+use super::columns::{Activate, Linear, Relu, Silu, TANGENT_COLUMNS, Tangents};
 use super::encode::{Feature, encode_tangents};
-use super::kernel::{Activate, Buffers, Layer, Linear, Relu, Silu, Stack, TANGENT_COLUMNS, Tangents};
+use super::layer::{Layer, PANEL};
 use super::program::Program;
+use super::scratch::SlopeBuffers;
+use super::stack::{Stack, is_few};
 use super::tile::Column;
-use super::vector::{Simd, Task, Vector};
+use super::vector::{Simd, Task, Vector, lanes};
 use crate::encoding::{Encoding, Quantity};
-use crate::network::{Dense, Network};
-use crate::spec::{Activation, Input, NetworkSpec};
-use std::ops::Range;
+use crate::spec::Activation;
 
 /// Outputs of a sampling network that make the position.
 const COORDINATES: usize = 2;
@@ -18,7 +19,7 @@ const COORDINATES: usize = 2;
 pub type Slopes<V> = [V; TANGENT_COLUMNS];
 
 /// See the top of the file.
-pub struct Shift<V> {
+pub struct Shift {
     /// The first layer.
     pub first: Layer,
     /// The first layer without what u adds to it.
@@ -28,56 +29,59 @@ pub struct Shift<V> {
     /// What u adds to the first layer.
     own: Layer,
     /// How u enters.
-    encodings: Vec<Encoding>,
-    /// The tangents of the first layer, where they do not depend on u.
-    constant: Option<Vec<[f32; 2]>>,
+    own_inputs: Vec<Feature>,
+    /// The tangents of the first layer, where they do not depend on u; whole panels long.
+    constant: Option<[Vec<f32>; 2]>,
     /// What follows the first layer.
     rest: Stack,
-    entry: Buffers<V, TANGENT_COLUMNS>,
-    buffers: Buffers<V, TANGENT_COLUMNS>,
 }
 
-impl<V: Vector> Shift<V> {
-    /// Packs the sampling network `network`, which `program` has checked; `zero` makes the buffers.
-    pub fn new(network: &Network, program: &Program, zero: V) -> Self {
-        let mut layers = network.net.clone();
+impl Shift {
+    /// The shift of the sampling network `program`.
+    pub fn new(program: &Program) -> Self {
+        let mut layers = program.net.hidden.clone();
         // The weight needs no tangents.
-        let last = layers.last_mut().expect("a checked network has layers");
-        last.outputs = COORDINATES;
-        last.weight.truncate(COORDINATES * last.inputs);
-        last.bias.truncate(COORDINATES);
-        let (first, rest) = layers.split_first().expect("a checked network has layers");
-        let is_u = |input: &Input| input.quantity == Quantity::U;
-        let inputs = &network.spec.inputs;
-        let encodings: Vec<Encoding> = inputs.iter().filter(|i| is_u(i)).map(|i| i.encoding).collect();
-        let mut own = columns(first, ranges(&network.spec, is_u));
-        own.bias.fill(0.0);
-        let constant = encodings
+        layers.extend(program.net.last.as_ref().map(|last| last.first_rows(COORDINATES)));
+        let first = layers.remove(0);
+        let last = layers.pop();
+        let (own_inputs, other_inputs): (Vec<Feature>, Vec<Feature>) = program
+            .inputs
             .iter()
-            .all(|e| matches!(e, Encoding::Centred | Encoding::Identity))
-            .then(|| constant_slopes(&own, &encodings));
-        let (last, hidden) = match rest.split_last() {
-            Some((last, hidden)) => (Some(Layer::new(last)), hidden),
-            None => (None, rest),
-        };
+            .cloned()
+            .partition(|input| input.quantity == Quantity::U);
+        let rows = |inputs: &[Feature]| inputs.iter().map(|input| input.rows.clone()).collect();
+        let constant = own_inputs
+            .iter()
+            .all(|input| matches!(input.encoding, Encoding::Centred | Encoding::Identity))
+            .then(|| constant_slopes(&first, &own_inputs));
         Shift {
-            others: Layer::new(&columns(first, ranges(&network.spec, |i| !is_u(i)))),
-            other_inputs: inputs.iter().filter(|i| !is_u(i)).map(Feature::new).collect(),
-            own: Layer::new(&own),
-            encodings,
-            constant,
+            others: first.of_inputs(rows(&other_inputs)),
+            own: first.of_inputs(rows(&own_inputs)).without_bias(),
             rest: Stack {
-                activation: network.spec.activation,
-                inputs: first.outputs,
-                hidden: hidden.iter().map(Layer::new).collect(),
+                activation: program.net.activation,
+                inputs: first.outputs(),
+                hidden: layers,
                 last,
             },
-            first: Layer::new(first),
-            entry: Buffers::new(program.width.max(1), zero),
-            buffers: Buffers::new(program.width, zero),
+            first,
+            own_inputs,
+            other_inputs,
+            constant,
         }
     }
+}
 
+/// Runs a shift on the tiles of a batch.
+pub struct Shifter<'a, V> {
+    /// The shift.
+    pub shift: &'a Shift,
+    /// Where it runs.
+    pub buffers: &'a mut SlopeBuffers<V>,
+    /// Queries of the tile that count.
+    pub live: usize,
+}
+
+impl<V: Vector> Shifter<'_, V> {
     /// Both coordinates for vector `q` of the first layer's `sums`, which `u` has entered.
     #[inline(always)]
     pub fn after<S: Simd<Vector = V>, const N: usize>(
@@ -113,7 +117,9 @@ impl<V: Vector> Shift<V> {
     ) -> [Slopes<V>; COORDINATES] {
         let mut out = [[simd.splat(0.0); TANGENT_COLUMNS]; COORDINATES];
         simd.enter(Enter {
-            shift: self,
+            shift: self.shift,
+            buffers: self.buffers,
+            live: self.live,
             sums,
             q,
             u,
@@ -126,7 +132,9 @@ impl<V: Vector> Shift<V> {
 
 /// Both ways to run a shift: a task of its own, so that they share one copy of its code.
 struct Enter<'a, V, const N: usize> {
-    shift: &'a mut Shift<V>,
+    shift: &'a Shift,
+    buffers: &'a mut SlopeBuffers<V>,
+    live: usize,
     sums: &'a [Column<V, N>],
     q: usize,
     u: [V; 2],
@@ -149,76 +157,110 @@ impl<V: Vector, const N: usize> Task for Enter<'_, V, N> {
 impl<V: Vector, const N: usize> Enter<'_, V, N> {
     #[inline(always)]
     fn activate<A: Activate>(self) {
-        let Enter { shift, sums, q, .. } = self;
-        let entered = sums.iter().zip(shift.buffers.input());
-        match &shift.constant {
-            Some(slopes) if self.entered => {
-                for ((sum, row), &[dx, dy]) in entered.zip(slopes) {
-                    let x = sum[q];
+        match is_few::<V, N>(self.live) {
+            true => self.lines::<A>(),
+            false => self.rows::<A>(),
+        }
+    }
+
+    /// A vector of queries at a time.
+    #[inline(always)]
+    fn rows<A: Activate>(self) {
+        let shift = self.shift;
+        let SlopeBuffers { entry, layers } = self.buffers;
+        let entered = self.sums.iter().zip(layers.input());
+        match shift.constant.as_ref().filter(|_| self.entered) {
+            Some([along_x, along_y]) => {
+                for ((sum, row), (&dx, &dy)) in entered.zip(along_x.iter().zip(along_y)) {
+                    let x = sum[self.q];
                     *row = A::tangents([x, x.splat(dx), x.splat(dy)]);
                 }
             }
-            _ => {
-                encode_tangents(&shift.encodings, self.u, shift.entry.input());
-                let own = shift.entry.sums::<Tangents>(&shift.own);
+            None => {
+                encode_tangents(&shift.own_inputs, self.u, entry.input());
+                let own = entry.tangent_sums(&shift.own);
                 for ((sum, row), &[x, dx, dy]) in entered.zip(own) {
-                    let x = if self.entered { sum[q] } else { sum[q] + x };
+                    let sum = sum[self.q];
+                    let x = if self.entered { sum } else { sum + x };
                     *row = A::tangents([x, dx, dy]);
                 }
             }
         }
-        let rows = shift.buffers.layers::<Tangents, A>(&shift.rest);
+        let rows = layers.layers::<Tangents, A>(&shift.rest);
         *self.out = [rows[0], rows[1]];
     }
-}
 
-/// Where the features of those inputs stand that `which` accepts.
-fn ranges(spec: &NetworkSpec, which: impl Fn(&Input) -> bool) -> Vec<Range<usize>> {
-    let mut start = 0;
-    let mut ranges = Vec::new();
-    for input in &spec.inputs {
-        let range = start..start + input.features();
-        start = range.end;
-        if which(input) {
-            ranges.push(range);
+    /// One query at a time, of the few there are.
+    #[inline(always)]
+    fn lines<A: Activate>(self) {
+        let (shift, zero) = (self.shift, self.u[0].splat(0.0));
+        let SlopeBuffers { entry, layers } = self.buffers;
+        let constant = shift.constant.as_ref().filter(|_| self.entered);
+        if constant.is_none() {
+            encode_tangents(&shift.own_inputs, self.u, entry.input());
+        }
+        let vectors = shift.first.outputs().div_ceil(V::LANES);
+        let mut out = [[lanes(zero); TANGENT_COLUMNS]; COORDINATES];
+        for query in 0..self.live {
+            for (sum, to) in self.sums.iter().zip(&mut layers.lines[0][0]) {
+                *to = lanes(sum[self.q])[query];
+            }
+            if constant.is_none() {
+                entry.line_sums(&shift.own, query, zero);
+            }
+            let from = &mut layers.lines[0];
+            for v in 0..vectors {
+                let x = zero.load(&V::arrays(&from[0])[v]);
+                let row = match constant {
+                    Some([along_x, along_y]) => {
+                        let [dx, dy] = [along_x, along_y].map(|slopes| &V::arrays(slopes)[v]);
+                        [x, zero.load(dx), zero.load(dy)]
+                    }
+                    None => {
+                        let own = &entry.lines[1];
+                        let at = |line: usize| &V::arrays(&own[line])[v];
+                        let own = [zero.load(at(0)), zero.load(at(1)), zero.load(at(2))];
+                        let x = if self.entered { x } else { x + own[0] };
+                        [x, own[1], own[2]]
+                    }
+                };
+                for (value, line) in A::tangents(row).into_iter().zip(&mut *from) {
+                    value.write(&mut V::arrays_mut(line)[v]);
+                }
+            }
+            let rows = shift
+                .rest
+                .run_lines::<V, Tangents, A, TANGENT_COLUMNS>(zero, &mut layers.lines);
+            for (c, out) in out.iter_mut().enumerate() {
+                for (out, line) in out.iter_mut().zip(&layers.lines[rows]) {
+                    out[query] = line[c];
+                }
+            }
+        }
+        for (to, from) in self.out.iter_mut().zip(&out) {
+            for (to, from) in to.iter_mut().zip(from) {
+                *to = zero.load(&V::arrays(from)[0]);
+            }
         }
     }
-    ranges
 }
 
-/// `layer` with these inputs alone; a layer without any gets one of weight 0, because kernels need one.
-fn columns(layer: &Dense, ranges: Vec<Range<usize>>) -> Dense {
-    let inputs: usize = ranges.iter().map(Range::len).sum();
-    let mut weight = Vec::with_capacity(inputs.max(1) * layer.outputs);
-    for row in layer.weight.chunks_exact(layer.inputs) {
-        match inputs {
-            0 => weight.push(0.0),
-            _ => ranges
-                .iter()
-                .for_each(|range| weight.extend_from_slice(&row[range.clone()])),
-        }
-    }
-    Dense {
-        weight,
-        bias: layer.bias.clone(),
-        inputs: inputs.max(1),
-        outputs: layer.outputs,
-    }
-}
-
-/// ∂(first layer)/∂u per row, from what u alone adds to it.
-fn constant_slopes(own: &Dense, encodings: &[Encoding]) -> Vec<[f32; 2]> {
-    let slope = |encoding: &Encoding| match encoding {
-        Encoding::Centred => 2.0,
-        _ => 1.0,
-    };
-    let row_slopes = |row: &[f32]| {
-        let mut slopes = [0.0; 2];
-        for (pair, encoding) in row.as_chunks::<2>().0.iter().zip(encodings) {
-            slopes[0] += slope(encoding) * pair[0];
-            slopes[1] += slope(encoding) * pair[1];
-        }
+/// ∂(first layer)/∂u per row, from what `inputs` of u alone add to it; whole panels long.
+fn constant_slopes(first: &Layer, inputs: &[Feature]) -> [Vec<f32>; 2] {
+    [0, 1].map(|coordinate: usize| {
+        let slope = |row: usize| {
+            let terms = inputs.iter().map(|input| {
+                let slope = if input.encoding == Encoding::Centred {
+                    2.0
+                } else {
+                    1.0
+                };
+                slope * first.weight(row, input.rows.start + coordinate)
+            });
+            terms.sum()
+        };
+        let mut slopes: Vec<f32> = (0..first.outputs()).map(slope).collect();
+        slopes.resize(first.outputs().next_multiple_of(PANEL), 0.0);
         slopes
-    };
-    own.weight.chunks_exact(own.inputs).map(row_slopes).collect()
+    })
 }

@@ -31,15 +31,6 @@ pub fn write<V: Vector>(value: V, out: &mut [f32], start: usize, q: usize) {
     value.store(&mut out[at..end]);
 }
 
-/// `of` every vector of `column`. The library's own `map` may stay a function, compiled without the tier's instructions.
-#[inline(always)]
-pub fn each<V: Vector, const N: usize>(mut column: Column<V, N>, of: impl Fn(V) -> V) -> Column<V, N> {
-    for vector in &mut column {
-        *vector = of(*vector);
-    }
-    column
-}
-
 /// The free parameter `values` of a tile: a column of the batch, or one value for all of it.
 #[inline(always)]
 pub fn read_parameter<S: Simd, const N: usize>(

@@ -7,7 +7,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 pub const ROUND: f32 = 1.5 * (1 << 23) as f32;
 
 /// Proof that this processor runs a tier's instructions: only a successful detection makes one.
-pub trait Simd: Copy + Send + 'static {
+pub trait Simd: Copy + Send + Sync + 'static {
     /// The lanes of this tier.
     type Vector: Vector;
 
@@ -32,6 +32,7 @@ pub trait Task {
 pub trait Vector:
     Copy
     + Send
+    + 'static
     + Add<Output = Self>
     + Sub<Output = Self>
     + Mul<Output = Self>
@@ -40,6 +41,9 @@ pub trait Vector:
 {
     /// Number of lanes.
     const LANES: usize;
+
+    /// Vectors that the processor's registers hold.
+    const REGISTERS: usize = 16;
 
     /// One truth value per lane.
     type Mask: Copy;
@@ -106,6 +110,17 @@ pub trait Vector:
     fn mul_add_const(self, a: Self, b: f32) -> Self {
         self.mul_add(a, self.splat(b))
     }
+}
+
+/// Lanes of the widest tier.
+pub const LANES_MAX: usize = 16;
+
+/// The lanes of `v`, zeros beyond.
+#[inline(always)]
+pub fn lanes<V: Vector>(v: V) -> [f32; LANES_MAX] {
+    let mut lanes = [0.0; LANES_MAX];
+    v.store(&mut lanes[..V::LANES]);
+    lanes
 }
 
 /// `N` vectors in step, as one of `N` times the lanes: processors start an operation on the next vector while

@@ -14,7 +14,8 @@ use crate::spec::Role;
 use model::Model;
 use std::path::Path;
 
-/// Runs `sample.onnx`, `eval.onnx` and `pdf.onnx` of one folder; a session for each, one thread.
+/// Runs `sample.onnx`, `eval.onnx` and `pdf.onnx` of one folder, on the threads that call it: each of these has a session of
+/// its own.
 ///
 /// `sample.onnx` always computes weight and Jacobian together, so both `sample` methods cost the same. A parameter that is
 /// not finite makes its query invalid.
@@ -58,7 +59,7 @@ impl OrtBackend {
 
 impl Backend for OrtBackend {
     fn sample_learned(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
@@ -69,7 +70,7 @@ impl Backend for OrtBackend {
     }
 
     fn sample_jacobian(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         wi: [&mut [f32]; 3],
@@ -79,11 +80,11 @@ impl Backend for OrtBackend {
         self.sample.run(points, &u, outputs)
     }
 
-    fn eval(&mut self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()> {
+    fn eval(&self, points: Points, wi: [&[f32]; 3], f_cos: [&mut [f32]; 3]) -> Result<()> {
         self.eval.run(points, &wi, &mut [("f_cos", f_cos.into())])
     }
 
-    fn pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
+    fn pdf(&self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
         self.pdf.run(points, &wi, &mut [("pdf", vec![pdf])])
     }
 }
@@ -92,10 +93,10 @@ impl Backend for OrtBackend {
 mod tests {
     use super::*;
 
-    /// Holds at compile time: each thread of a renderer owns a backend, and may have been given it by another.
+    /// Holds at compile time: the threads of a renderer share a backend.
     const _: fn() = || {
-        fn is_send<T: Send>() {}
-        is_send::<OrtBackend>();
+        fn is_shared<T: Send + Sync>() {}
+        is_shared::<OrtBackend>();
     };
 
     #[test]

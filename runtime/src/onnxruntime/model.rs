@@ -11,6 +11,7 @@ use ort::session::Session;
 use ort::session::builder::GraphOptimizationLevel;
 use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 /// Queries per call of onnxruntime: enough to hide its cost per call, few enough to stay in the caches.
 const CHUNK: usize = 1024;
@@ -18,15 +19,24 @@ const CHUNK: usize = 1024;
 /// A structure of arrays to be filled, under the name of the graph output that fills it.
 type Output<'a> = (&'static str, Vec<&'a mut [f32]>);
 
-/// A loaded model.
+/// A loaded model: a session for each thread that uses it at once, made when it first does.
 pub struct Model {
     /// What it says it is.
     pub spec: NetworkSpec,
     /// The file it came from.
     pub path: PathBuf,
-    session: Session,
+    /// The file's bytes, to make sessions of.
+    bytes: Vec<u8>,
+    environment: Environment,
     /// Inputs in order.
     ports: Vec<Port>,
+    /// Sessions that no thread is using.
+    idle: Mutex<Vec<Worker>>,
+}
+
+/// A session, and what it is given.
+struct Worker {
+    session: Session,
     /// Row-major `[N, width]` for each input, kept from call to call.
     rows: Vec<Vec<f32>>,
 }
@@ -51,24 +61,64 @@ impl Model {
         Ok(Model {
             spec,
             path,
-            session,
-            rows: vec![Vec::new(); ports.len()],
+            idle: Mutex::new(vec![Worker {
+                session,
+                rows: vec![Vec::new(); ports.len()],
+            }]),
             ports,
+            bytes,
+            environment,
+        })
+    }
+
+    /// An idle session, or a new one.
+    fn worker(&self) -> Result<Worker> {
+        let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        if let Some(worker) = idle {
+            return Ok(worker);
+        }
+        let refused = |e| {
+            Error::network(
+                &self.path,
+                format!("onnxruntime refuses another session of it ({e})"),
+            )
+        };
+        Ok(Worker {
+            session: open(&self.environment, &self.bytes).map_err(refused)?,
+            rows: vec![Vec::new(); self.ports.len()],
         })
     }
 
     /// Runs a batch in chunks: `points`, and the structure of arrays `other` that the role asks for besides.
-    pub fn run(&mut self, points: Points, other: &[&[f32]], outputs: &mut [Output]) -> Result<()> {
-        let [camera, second] = self.spec.role.graph_inputs();
+    pub fn run(&self, points: Points, other: &[&[f32]], outputs: &mut [Output]) -> Result<()> {
+        let [_, second] = self.spec.role.graph_inputs();
         points.check(self.spec.material.free().len())?;
         let count = points.len();
         check_all(count, second.name, other.iter().map(|a| a.len()))?;
         for (name, arrays) in outputs.iter() {
             check_all(count, name, arrays.iter().map(|a| a.len()))?;
         }
+        let mut worker = self.worker()?;
+        let ran = self.run_chunks(&mut worker, points, other, outputs);
+        self.idle
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(worker);
+        ran
+    }
+
+    fn run_chunks(
+        &self,
+        worker: &mut Worker,
+        points: Points,
+        other: &[&[f32]],
+        outputs: &mut [Output],
+    ) -> Result<()> {
+        let [camera, second] = self.spec.role.graph_inputs();
+        let count = points.len();
         for start in (0..count).step_by(CHUNK) {
             let end = count.min(start + CHUNK);
-            for (port, rows) in self.ports.iter().zip(&mut self.rows) {
+            for (port, rows) in self.ports.iter().zip(&mut worker.rows) {
                 let columns = match port.name {
                     name if name == camera.name => &points.wo,
                     name if name == second.name => other,
@@ -79,23 +129,29 @@ impl Model {
                 let at = |column: &[f32], i: usize| if column.len() == 1 { column[0] } else { column[i] };
                 rows.extend((start..end).flat_map(|i| columns.iter().map(move |column| at(column, i))));
             }
-            self.run_chunk(outputs, start, end - start)?;
+            self.run_chunk(worker, outputs, start, end - start)?;
         }
         Ok(())
     }
 
     /// Runs the rows that are packed.
-    fn run_chunk(&mut self, outputs: &mut [Output], start: usize, count: usize) -> Result<()> {
+    fn run_chunk(
+        &self,
+        worker: &mut Worker,
+        outputs: &mut [Output],
+        start: usize,
+        count: usize,
+    ) -> Result<()> {
         let path = &self.path;
         let failed = |e: ort::Error| {
             Error::Onnxruntime(format!("{}: onnxruntime could not run it: {e}", path.display()))
         };
-        let packed = self.ports.iter().zip(&self.rows).map(|(port, rows)| {
+        let packed = self.ports.iter().zip(&worker.rows).map(|(port, rows)| {
             let tensor = TensorRef::from_array_view(([count, port.width], &rows[..]))?;
             Ok((port.name, tensor))
         });
         let inputs: Vec<_> = packed.collect::<ort::Result<_>>().map_err(failed)?;
-        let answers = self.session.run(inputs).map_err(failed)?;
+        let answers = worker.session.run(inputs).map_err(failed)?;
         for (name, arrays) in outputs.iter_mut() {
             let answer = answers
                 .get(*name)

@@ -75,7 +75,7 @@ fn every_tier_agrees_with_the_oracle_and_with_the_others() {
             let expected = expected(&material, &queries, seed, answer, floors);
             let mut before: Option<Answers> = None;
             for tier in Tier::available() {
-                let answers = run(&mut backend(&material, tier), &queries);
+                let answers = run(&backend(&material, tier), &queries);
                 let what = format!("{kind:?}, {}", tier.name());
                 check(&answers, &expected, None, 1.0, &what);
                 let below = format!("{what} against the tier below");

@@ -52,7 +52,7 @@ fn every_tier_finds_the_densities_of_the_oracle() {
         let queries = Queries::random(500 + seed, 1000).with_params(&material, seed);
         let expected = expected(&material, &queries, seed, answer, floors);
         for tier in Tier::available() {
-            let answers = run(&mut backend(&material, tier), &queries);
+            let answers = run(&backend(&material, tier), &queries);
             let charts = material.sample.spec.charts().map_or(0, |c| c.anchors.len());
             let [of_pdf, of_mixture] = answers.inversions;
             assert_eq!(of_pdf.queries, (charts * queries.len()) as u64);
@@ -83,11 +83,11 @@ fn the_density_of_samples_is_the_reciprocal_of_their_jacobian() {
         let material = kind.build(7);
         let queries = Queries::random(8, 2000).with_params(&material, 9);
         for tier in Tier::available() {
-            let mut backend = backend(&material, tier);
-            let drawn = run(&mut backend, &queries);
+            let backend = backend(&material, tier);
+            let drawn = run(&backend, &queries);
             let mut there = queries.clone();
             there.wi = drawn.wi_of_jacobian.clone();
-            let found = run(&mut backend, &there).exact_pdf;
+            let found = run(&backend, &there).exact_pdf;
             for i in (0..queries.len()).filter(|&i| queries.wo[2][i].min(there.wi[2][i]) > HEIGHT_MIN) {
                 let one = found[i] * drawn.jacobian[i];
                 let error = (f64::from(one) - 1.0).abs();
@@ -102,7 +102,7 @@ fn where_newton_fails_the_frame_stands_in_and_is_counted() {
     let material = Kind::Folding.build(3);
     let queries = Queries::random(5, 4000);
     for tier in Tier::available() {
-        let answers = run(&mut backend(&material, tier), &queries);
+        let answers = run(&backend(&material, tier), &queries);
         let stands_in = |i: &usize| {
             let query = queries.at(*i);
             let (wo, turn) = oracle::fold(material.sample.spec.symmetry, query.wo);
@@ -138,14 +138,14 @@ fn means(material: &BakedMaterial, wo: [f32; 3]) -> [f64; 3] {
         params: &params,
         wo: refs(&queries.wo),
     };
-    let mut backend = backend(material, Tier::best());
+    let backend = backend(material, Tier::best());
     let Answers {
         f_cos,
         wi,
         jacobian,
         mixture,
         ..
-    } = &mut run(&mut backend, &queries);
+    } = &mut run(&backend, &queries);
     let integral = f_cos[0]
         .iter()
         .zip(areas)

@@ -267,7 +267,7 @@ pub fn backend(material: &BakedMaterial, tier: Tier) -> NativeBackend {
 }
 
 /// Runs all kinds of query.
-pub fn run(backend: &mut NativeBackend, queries: &Queries) -> Answers {
+pub fn run(backend: &NativeBackend, queries: &Queries) -> Answers {
     let mut answers = Answers::new(queries.len());
     let Answers {
         wi,

@@ -23,6 +23,21 @@ impl Avx2 {
     }
 }
 
+/// All bits of the first `count` lanes, of which there are fewer than all.
+///
+/// # Safety
+/// The processor has AVX2.
+#[inline(always)]
+unsafe fn first(count: usize) -> __m256i {
+    // SAFETY: the caller's.
+    unsafe {
+        _mm256_cmpgt_epi32(
+            _mm256_set1_epi32(count as i32),
+            _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7),
+        )
+    }
+}
+
 /// The one function of this tier: `task` is compiled into it.
 #[target_feature(enable = "avx2,fma")]
 fn compiled<T: Task>(task: T) {
@@ -40,16 +55,13 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn load(self, source: &[f32]) -> F32x8 {
-        let mut padded = [0.0; LANES];
-        let whole: &[f32; LANES] = match source.first_chunk() {
-            Some(whole) => whole,
-            None => {
-                padded[..source.len()].copy_from_slice(source);
-                &padded
-            }
+        let vector = match source.first_chunk::<LANES>() {
+            // SAFETY: `self` proves AVX2 and FMA, and the pointer is to 8 f32; the load needs no alignment.
+            Some(whole) => unsafe { _mm256_loadu_ps(whole.as_ptr()) },
+            // SAFETY: the same; lanes that the mask leaves out are not read, and the others lie in `source`.
+            None => unsafe { _mm256_maskload_ps(source.as_ptr(), first(source.len())) },
         };
-        // SAFETY: `self` proves AVX2 and FMA, and the pointer is to 8 f32; the load needs no alignment.
-        F32x8(unsafe { _mm256_loadu_ps(whole.as_ptr()) })
+        F32x8(vector)
     }
 
     fn enter<T: Task>(self, task: T) {
@@ -121,11 +133,8 @@ impl Vector for F32x8 {
             // SAFETY: AVX2 and FMA as above, and the pointer is to 8 f32; the store needs no alignment.
             unsafe { _mm256_storeu_ps(whole.as_mut_ptr(), self.0) }
         } else {
-            let mut padded = [0.0; LANES];
-            // SAFETY: AVX2 and FMA as above, and the pointer is to 8 f32; the store needs no alignment.
-            unsafe { _mm256_storeu_ps(padded.as_mut_ptr(), self.0) }
-            let count = out.len();
-            out.copy_from_slice(&padded[..count]);
+            // SAFETY: AVX2 and FMA as above; lanes that the mask leaves out are not written, and the others lie in `out`.
+            unsafe { _mm256_maskstore_ps(out.as_mut_ptr(), first(out.len()), self.0) }
         }
     }
 

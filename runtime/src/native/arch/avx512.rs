@@ -23,6 +23,15 @@ impl Avx512 {
     }
 }
 
+/// The first `count` lanes, at most all.
+#[inline(always)]
+fn first(count: usize) -> __mmask16 {
+    match count {
+        0..LANES => (1 << count) - 1,
+        _ => __mmask16::MAX,
+    }
+}
+
 /// The one function of this tier: `task` is compiled into it.
 #[target_feature(enable = "avx512f")]
 fn compiled<T: Task>(task: T) {
@@ -40,16 +49,8 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn load(self, source: &[f32]) -> F32x16 {
-        let mut padded = [0.0; LANES];
-        let whole: &[f32; LANES] = match source.first_chunk() {
-            Some(whole) => whole,
-            None => {
-                padded[..source.len()].copy_from_slice(source);
-                &padded
-            }
-        };
-        // SAFETY: `self` proves AVX-512F, and the pointer is to 16 f32; the load needs no alignment.
-        F32x16(unsafe { _mm512_loadu_ps(whole.as_ptr()) })
+        // SAFETY: `self` proves AVX-512F; lanes that the mask leaves out are not read, and the others lie in `source`.
+        F32x16(unsafe { _mm512_maskz_loadu_ps(first(source.len()), source.as_ptr()) })
     }
 
     fn enter<T: Task>(self, task: T) {
@@ -90,6 +91,7 @@ impl Neg for F32x16 {
 
 impl Vector for F32x16 {
     const LANES: usize = LANES;
+    const REGISTERS: usize = 32;
     type Mask = __mmask16;
     type Array = [f32; LANES];
 
@@ -123,16 +125,8 @@ impl Vector for F32x16 {
 
     #[inline(always)]
     fn store(self, out: &mut [f32]) {
-        if let Some(whole) = out.first_chunk_mut::<LANES>() {
-            // SAFETY: AVX-512F as above, and the pointer is to 16 f32; the store needs no alignment.
-            unsafe { _mm512_storeu_ps(whole.as_mut_ptr(), self.0) }
-        } else {
-            let mut padded = [0.0; LANES];
-            // SAFETY: AVX-512F as above, and the pointer is to 16 f32; the store needs no alignment.
-            unsafe { _mm512_storeu_ps(padded.as_mut_ptr(), self.0) }
-            let count = out.len();
-            out.copy_from_slice(&padded[..count]);
-        }
+        // SAFETY: AVX-512F as above; lanes that the mask leaves out are not written, and the others lie in `out`.
+        unsafe { _mm512_mask_storeu_ps(out.as_mut_ptr(), first(out.len()), self.0) }
     }
 
     #[inline(always)]

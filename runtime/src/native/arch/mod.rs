@@ -1,6 +1,7 @@
 //! Lane operations per instruction set. These are the only files of this crate with `unsafe`, and the only
 //! ones that know an architecture.
 
+pub mod portable;
 pub mod scalar;
 
 #[cfg(target_arch = "x86_64")]

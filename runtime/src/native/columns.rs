@@ -1,0 +1,112 @@
+//! What the columns of a block of sums are, and what an activation does to a row of them.
+
+use super::math::sigmoid;
+use super::vector::Vector;
+
+/// Columns of a block with tangents: the value and its derivatives along two inputs.
+pub const TANGENT_COLUMNS: usize = 3;
+
+/// What the columns of a block are: where the bias goes and what an activation does to them.
+pub trait Columns<V: Vector, const N: usize> {
+    /// What the bias adds to each column.
+    fn bias(bias: V) -> [V; N];
+
+    /// `A` on a row.
+    fn finish<A: Activate>(sum: [V; N]) -> [V; N];
+}
+
+/// `N` independent queries per lane.
+pub struct Values;
+
+/// One query per lane: its value and two tangents.
+pub struct Tangents;
+
+impl<V: Vector, const N: usize> Columns<V, N> for Values {
+    #[inline(always)]
+    fn bias(bias: V) -> [V; N] {
+        [bias; N]
+    }
+
+    #[inline(always)]
+    fn finish<A: Activate>(mut sum: [V; N]) -> [V; N] {
+        for value in &mut sum {
+            *value = A::value(*value);
+        }
+        sum
+    }
+}
+
+impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Tangents {
+    #[inline(always)]
+    fn bias(bias: V) -> [V; TANGENT_COLUMNS] {
+        [bias, bias.splat(0.0), bias.splat(0.0)]
+    }
+
+    #[inline(always)]
+    fn finish<A: Activate>(sum: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
+        A::tangents(sum)
+    }
+}
+
+/// A nonlinearity, or none.
+pub trait Activate {
+    /// On a value.
+    fn value<V: Vector>(x: V) -> V;
+
+    /// On a value and its two tangents.
+    fn tangents<V: Vector>(row: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS];
+}
+
+/// x·σ(x).
+pub struct Silu;
+
+/// max(x, 0).
+pub struct Relu;
+
+/// Nothing: last layers.
+pub struct Linear;
+
+impl Activate for Silu {
+    #[inline(always)]
+    fn value<V: Vector>(x: V) -> V {
+        x * sigmoid(x)
+    }
+
+    #[inline(always)]
+    fn tangents<V: Vector>([x, dx, dy]: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
+        let sigma = sigmoid(x);
+        let value = x * sigma;
+        // d(x·σ)/dx = σ + x·σ·(1 − σ).
+        let slope = value.mul_add(x.splat(1.0) - sigma, sigma);
+        [value, slope * dx, slope * dy]
+    }
+}
+
+impl Activate for Relu {
+    #[inline(always)]
+    fn value<V: Vector>(x: V) -> V {
+        x.max(x.splat(0.0))
+    }
+
+    #[inline(always)]
+    fn tangents<V: Vector>(mut row: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
+        let zero = row[0].splat(0.0);
+        let on = zero.less(row[0]);
+        for v in &mut row {
+            *v = V::select(on, *v, zero);
+        }
+        row
+    }
+}
+
+impl Activate for Linear {
+    #[inline(always)]
+    fn value<V: Vector>(x: V) -> V {
+        x
+    }
+
+    #[inline(always)]
+    fn tangents<V: Vector>(row: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
+        row
+    }
+}

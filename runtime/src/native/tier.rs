@@ -1,0 +1,101 @@
+//! Sets of instructions that the kernels are compiled for, and how one is chosen.
+
+use super::arch;
+use crate::error::{Error, Result};
+
+/// The environment variable that names the tier to use, in [`Tier::chosen`].
+pub const TIER_VARIABLE: &str = "BAKE_TIER";
+
+/// A set of instructions that the kernels are compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tier {
+    /// One lane, any processor: what the others are held against, never made fast.
+    Scalar,
+    /// Four lanes in plain Rust, any processor: what the compiler makes of them.
+    Portable,
+    /// Eight lanes: AVX2 and FMA.
+    Avx2,
+    /// Sixteen lanes: AVX-512F.
+    Avx512,
+}
+
+impl Tier {
+    /// All tiers, slowest first.
+    pub const ALL: [Tier; 4] = [Tier::Scalar, Tier::Portable, Tier::Avx2, Tier::Avx512];
+
+    /// The tiers that this processor has, slowest first.
+    pub fn available() -> Vec<Tier> {
+        Tier::ALL.into_iter().filter(|tier| tier.exists()).collect()
+    }
+
+    fn exists(self) -> bool {
+        match self {
+            Tier::Scalar | Tier::Portable => true,
+            #[cfg(target_arch = "x86_64")]
+            Tier::Avx2 => arch::avx2::Avx2::new().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Tier::Avx512 => arch::avx512::Avx512::new().is_some(),
+            #[cfg(not(target_arch = "x86_64"))]
+            Tier::Avx2 | Tier::Avx512 => false,
+        }
+    }
+
+    /// The fastest tier of this processor.
+    pub fn best() -> Tier {
+        Tier::available().last().copied().unwrap_or(Tier::Portable)
+    }
+
+    /// The tier that the environment variable [`TIER_VARIABLE`] names, else the fastest.
+    ///
+    /// # Errors
+    /// [`Error::Query`] when it names none, [`Error::Tier`] when this processor lacks the one that it names.
+    pub fn chosen() -> Result<Tier> {
+        match std::env::var_os(TIER_VARIABLE).filter(|name| !name.is_empty()) {
+            Some(name) => Tier::named(&name.to_string_lossy()),
+            None => Ok(Tier::best()),
+        }
+    }
+
+    /// The tier called `name`, as [`Tier::name`] has it.
+    ///
+    /// # Errors
+    /// [`Error::Query`] when there is none, [`Error::Tier`] when this processor lacks it.
+    pub fn named(name: &str) -> Result<Tier> {
+        let Some(tier) = Tier::ALL.into_iter().find(|tier| tier.name() == name) else {
+            let names = Tier::ALL.map(Tier::name).join(", ");
+            return Err(Error::query(
+                TIER_VARIABLE,
+                format!("is `{name}`, but must be one of {names}"),
+            ));
+        };
+        match tier.exists() {
+            true => Ok(tier),
+            false => Err(Error::Tier(tier.name())),
+        }
+    }
+
+    /// The name in reports and in [`TIER_VARIABLE`].
+    pub fn name(self) -> &'static str {
+        match self {
+            Tier::Scalar => "scalar",
+            Tier::Portable => "portable",
+            Tier::Avx2 => "avx2",
+            Tier::Avx512 => "avx512",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiers_go_by_their_names() {
+        for tier in Tier::available() {
+            assert_eq!(Tier::named(tier.name()).ok(), Some(tier));
+        }
+        let error = Tier::named("sse9").expect_err("no such tier").to_string();
+        assert!(error.contains("sse9") && error.contains("portable"), "{error}");
+        assert_eq!(Tier::available().last(), Some(&Tier::best()));
+    }
+}
