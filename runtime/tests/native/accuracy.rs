@@ -1,9 +1,9 @@
-//! Every tier against the f64 oracle, and tiers against each other.
+//! Every tier against the f64 oracle, and tiers against each other; materials with bound parameters as well.
 
 use crate::materials::Kind;
 use crate::queries::{Answers, Exact, Queries, backend, run};
 use crate::rounding::{Expected, FLOOR, boost_condition, condition, expected, terms};
-use bake_runtime::native::Tier;
+use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::{BakedMaterial, oracle};
 
 /// Queries per named kind, and per random specification.
@@ -64,6 +64,20 @@ fn check(found: &Answers, expected: &[Vec<Expected>], reference: Option<&Answers
     }
 }
 
+/// The material with those parameters bound that all `queries` share, and the queries without them.
+fn bound(backend: &NativeBackend, queries: &Queries) -> (NativeBackend, Queries) {
+    let values = queries.params.iter().map(|column| match column[..] {
+        [value] => Some(value),
+        _ => None,
+    });
+    let bound = backend
+        .bind(&values.collect::<Vec<_>>())
+        .expect("finite values, as many as are free");
+    let mut left = queries.clone();
+    left.params.retain(|column| column.len() > 1);
+    (bound, left)
+}
+
 #[test]
 fn every_tier_agrees_with_the_oracle_and_with_the_others() {
     let named = Kind::NAMED.map(|kind| (kind, QUERIES[0]));
@@ -80,6 +94,14 @@ fn every_tier_agrees_with_the_oracle_and_with_the_others() {
                 check(&answers, &expected, None, 1.0, &what);
                 let below = format!("{what} against the tier below");
                 check(&answers, &expected, before.as_ref(), 2.0, &below);
+                let (bound, left) = bound(&backend(&material, tier), &queries);
+                check(
+                    &run(&bound, &left),
+                    &expected,
+                    None,
+                    1.0,
+                    &format!("{what}, bound"),
+                );
                 before = Some(answers);
             }
         }

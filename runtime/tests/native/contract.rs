@@ -6,6 +6,8 @@ use bake_runtime::encoding::Quantity;
 use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::{Backend, BakedMaterial, Error, Points};
 
+/// Some roundings of a direction.
+const BOUND_TOL: f32 = 1e-5;
 /// Stated in the interface: `wi` has unit length within this.
 const UNIT_TOL: f64 = 1e-6;
 
@@ -292,13 +294,13 @@ fn the_best_tier_is_the_processors_best() {
         let expected = match is_x86_feature_detected!("avx512f") {
             true => Tier::Avx512,
             false if avx2 => Tier::Avx2,
-            false => Tier::Scalar,
+            false => Tier::Portable,
         };
         assert_eq!(Tier::best(), expected);
         assert_eq!(Tier::available().contains(&Tier::Avx2), avx2);
     }
     let material = Kind::Fixed.build(17);
-    for tier in [Tier::Scalar, Tier::Avx2, Tier::Avx512] {
+    for tier in Tier::ALL {
         match NativeBackend::new(&material, tier) {
             Ok(_) => assert!(Tier::available().contains(&tier)),
             Err(Error::Tier(name)) => assert!(name == tier.name() && !Tier::available().contains(&tier)),
@@ -309,4 +311,37 @@ fn the_best_tier_is_the_processors_best() {
 
 fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|v| v.to_bits()).collect()
+}
+
+#[test]
+fn parameters_are_bound_by_finite_values_one_for_each() {
+    let material = Kind::Free.build(1);
+    let backend = backend(&material, Tier::best());
+    assert!(matches!(
+        backend.bind(&[Some(0.3)]),
+        Err(Error::BatchLength {
+            name: "params",
+            expected: 3,
+            found: 1
+        })
+    ));
+    let error = backend
+        .bind(&[Some(0.3), Some(f32::NAN), None])
+        .err()
+        .expect("not a number")
+        .to_string();
+    assert!(error.contains("params[1]"), "{error}");
+    let bound = backend.bind(&[Some(0.3), None, Some(0.5)]).expect("one is left");
+    let again = bound.bind(&[Some(0.1)]).expect("the last one");
+    let whole = backend
+        .bind(&[Some(0.3), Some(0.1), Some(0.5)])
+        .expect("all of them");
+    let queries = Queries::random(9, 100);
+    // Folded in one go or one after the other: the bias is rounded once or twice.
+    for (once, twice) in run(&whole, &queries).wi[0]
+        .iter()
+        .zip(&run(&again, &queries).wi[0])
+    {
+        assert!((once - twice).abs() < BOUND_TOL, "{once}, {twice}");
+    }
 }
