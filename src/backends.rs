@@ -77,7 +77,7 @@ pub fn ort(folder: &Path) -> bake_runtime::Result<Box<dyn Backend>> {
 
 /// Draws from two charts by their exact mixture, by the native backend.
 pub fn mixture(material: &BakedMaterial) -> bake_runtime::Result<Mixture<'static>> {
-    let mut backend = NativeBackend::new(material, Tier::best())?;
+    let backend = NativeBackend::new(material, Tier::best())?;
     Ok(Box::new(move |points, u, wi, jacobian| {
         let inversions = backend.sample_mixture(points, u, wi, jacobian)?;
         Ok(inversions.unconverged as usize)

@@ -47,7 +47,7 @@ fn binning_l1(material: &BakedMaterial, params: &[f64], wo: DVec3) -> (f64, f64)
     let truth = Truth::new(&bsdf, wo).expect("a bright slice");
     let columns: Vec<[f32; 1]> = params.iter().map(|&v| [v as f32]).collect();
     let params: Vec<&[f32]> = columns.iter().map(|c| &c[..]).collect();
-    let mut backend = NativeBackend::new(material, Tier::best()).expect("the best tier exists");
+    let backend = NativeBackend::new(material, Tier::best()).expect("the best tier exists");
     let n = 4096;
     let wo = wo.to_array().map(|c| vec![c as f32; n]);
     let mut counts = vec![0u64; SIDE * SIDE];

@@ -95,13 +95,7 @@ mod tests {
     fn every_tier_runs_a_task_on_its_own_lanes() {
         for tier in Tier::available() {
             let mut numbers: Vec<f32> = (0..37).map(|i| i as f32).collect();
-            let lanes = match tier {
-                Tier::Scalar => 1,
-                Tier::Portable => 4,
-                Tier::Avx2 => 8,
-                Tier::Avx512 => 16,
-            };
-            assert_eq!(tier.dispatch(Double(&mut numbers)).ok(), Some(37 / lanes));
+            assert_eq!(tier.dispatch(Double(&mut numbers)).ok(), Some(37 / tier.lanes()));
             assert!(numbers.iter().enumerate().all(|(i, &n)| n == 2.0 * i as f32));
         }
     }

@@ -19,12 +19,12 @@ fn backend(material: &BakedMaterial) -> OrtBackend {
 #[test]
 fn batches_of_any_size_give_the_same_answers() {
     python();
-    let mut ort = backend(&small());
+    let ort = backend(&small());
     let largest = SIZES.into_iter().max().expect("there are sizes");
     let column = |step: f32| -> Vec<f32> { (0..largest).map(|i| (i as f32 * step).fract()).collect() };
     let (u, v, z) = (column(0.618_034), column(0.754_877_7), vec![1.0; largest]);
     let zero = vec![0.0; largest];
-    let mut draw = |n: usize| {
+    let draw = |n: usize| {
         let mut wi = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
         let mut jacobian = vec![0.0; n];
         let out = wi.each_mut().map(Vec::as_mut_slice);
@@ -57,13 +57,13 @@ fn one_value_of_a_parameter_is_that_of_the_whole_batch() {
     python();
     for places in Places::ALL {
         let material = random_networks(places, true, 0);
-        let mut ort = backend(&material);
+        let ort = backend(&material);
         let free = material.sample.spec.material.free();
         let n = 1500;
         let (slant, height) = (vec![0.6; n], vec![0.8; n]);
         let zero = vec![0.0; n];
         let wo = [&slant[..], &zero, &height];
-        let mut pdf = |params: &[&[f32]]| {
+        let pdf = |params: &[&[f32]]| {
             let mut pdf = vec![0.0; n];
             ort.pdf(Points { params, wo }, [&zero, &slant, &height], &mut pdf)
                 .expect("parameters are of the length of the batch or 1");
@@ -92,7 +92,7 @@ fn one_value_of_a_parameter_is_that_of_the_whole_batch() {
 #[test]
 fn slices_of_different_length_are_an_error() {
     python();
-    let mut ort = backend(&small());
+    let ort = backend(&small());
     let (two, three) = ([0.5; 2], [0.5; 3]);
     let mut pdf = [0.0; 3];
     let error = ort
@@ -109,7 +109,7 @@ fn slices_of_different_length_are_an_error() {
         ),
         "{error}"
     );
-    let mut ort = backend(&random_networks(Places::Disk, true, 0));
+    let ort = backend(&random_networks(Places::Disk, true, 0));
     for params in [&[&three[..]; 2][..], &[&three, &two, &three]] {
         let points = Points {
             params,
@@ -152,7 +152,7 @@ fn invalid_queries_give_zeros_and_the_normal() {
     let w = soa.each_ref().map(Vec::as_slice);
     for (places, free) in Places::ALL.into_iter().flat_map(|p| [(p, false), (p, true)]) {
         let material = random_networks(places, free, 0);
-        let mut ort = backend(&material);
+        let ort = backend(&material);
         let ranges = material.sample.spec.material.free();
         let mut params: Vec<Vec<f32>> = ranges.iter().map(|(_, min, _)| vec![*min as f32; n]).collect();
         let mut invalid = 5;
@@ -195,7 +195,7 @@ fn invalid_queries_give_zeros_and_the_normal() {
 fn u_outside_its_range_gives_finite_answers() {
     python();
     for places in Places::ALL {
-        let mut ort = backend(&random_networks(places, false, 0));
+        let ort = backend(&random_networks(places, false, 0));
         let u = [0.0, 1.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
         let v = [0.5; 6];
         let (zero, one) = ([0.0; 6], [1.0; 6]);

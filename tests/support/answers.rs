@@ -106,7 +106,7 @@ impl Queries {
     }
 
     /// Every answer of `backend`, a column per output; both ways to sample must draw the same `wi`.
-    pub fn ask(&self, backend: &mut dyn Backend) -> Vec<Vec<f32>> {
+    pub fn ask(&self, backend: &dyn Backend) -> Vec<Vec<f32>> {
         let n = self.len();
         let params: Vec<&[f32]> = self.params.iter().map(Vec::as_slice).collect();
         let points = Points {

@@ -275,12 +275,7 @@ fn run(
     );
     let rate = |seconds: f64| QUERIES as f64 / seconds;
     let flops = 2.0 * (shape.training_macs() * columns * QUERIES) as f64 / best[2];
-    let lanes = match tier {
-        Tier::Scalar => 1,
-        Tier::Avx2 => 8,
-        Tier::Avx512 => 16,
-    };
-    let peak = 2.0 * (lanes * CHAINS * PEAK_STEPS) as f64 / best[4];
+    let peak = 2.0 * (tier.lanes() * CHAINS * PEAK_STEPS) as f64 / best[4];
     writeln!(
         out,
         "{:8} {:6} {columns:>7} {:>8.0}k {:>8.0}k {:>8.0}k {:>8.0}k {:>8.1} {:>8.1} {:>6.1}% {:>6.2}x {:>6.2}x",

@@ -74,6 +74,16 @@ impl Tier {
         }
     }
 
+    /// Queries, or rows of a layer, that one of its vectors holds.
+    pub fn lanes(self) -> usize {
+        match self {
+            Tier::Scalar => 1,
+            Tier::Portable => 4,
+            Tier::Avx2 => 8,
+            Tier::Avx512 => 16,
+        }
+    }
+
     /// The name in reports and in [`TIER_VARIABLE`].
     pub fn name(self) -> &'static str {
         match self {

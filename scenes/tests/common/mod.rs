@@ -119,7 +119,7 @@ fn set(lanes: &mut [&mut [f32]; 3], i: usize, value: DVec3) {
 
 impl Backend for CosineBackend {
     fn sample_learned(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         mut wi: [&mut [f32]; 3],
@@ -138,7 +138,7 @@ impl Backend for CosineBackend {
     }
 
     fn sample_jacobian(
-        &mut self,
+        &self,
         _points: Points,
         u: [&[f32]; 2],
         mut wi: [&mut [f32]; 3],
@@ -151,7 +151,7 @@ impl Backend for CosineBackend {
         Ok(())
     }
 
-    fn eval(&mut self, points: Points, wi: [&[f32]; 3], mut f_cos: [&mut [f32]; 3]) -> Result<()> {
+    fn eval(&self, points: Points, wi: [&[f32]; 3], mut f_cos: [&mut [f32]; 3]) -> Result<()> {
         for i in 0..points.len() {
             let mut rng = Rng::new(&[points.wo[0][i].to_bits().into(), wi[0][i].to_bits().into()]);
             set(&mut f_cos, i, self.0.eval(at(points.wo, i), at(wi, i), &mut rng));
@@ -159,7 +159,7 @@ impl Backend for CosineBackend {
         Ok(())
     }
 
-    fn pdf(&mut self, _points: Points, _wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
+    fn pdf(&self, _points: Points, _wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
         pdf.fill(WRONG_PDF);
         Ok(())
     }

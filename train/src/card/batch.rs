@@ -64,7 +64,7 @@ impl Buffers {
     }
 
     /// Fills `wi` and `rgb`.
-    pub fn sample_learned(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+    pub fn sample_learned(&mut self, backend: &dyn Backend) -> bake_runtime::Result<()> {
         let params = columns(&self.params);
         let points = points(&params, &self.wo);
         let [x, y, z] = &mut self.wi;
@@ -73,7 +73,7 @@ impl Buffers {
     }
 
     /// Fills `wi` and `scalar`.
-    pub fn sample_jacobian(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+    pub fn sample_jacobian(&mut self, backend: &dyn Backend) -> bake_runtime::Result<()> {
         let params = columns(&self.params);
         let points = points(&params, &self.wo);
         let [x, y, z] = &mut self.wi;
@@ -89,7 +89,7 @@ impl Buffers {
     }
 
     /// Fills `rgb` at `wi`.
-    pub fn eval(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+    pub fn eval(&mut self, backend: &dyn Backend) -> bake_runtime::Result<()> {
         let params = columns(&self.params);
         let points = points(&params, &self.wo);
         let [r, g, b] = &mut self.rgb;
@@ -97,7 +97,7 @@ impl Buffers {
     }
 
     /// Fills `scalar` at `wi`.
-    pub fn pdf(&mut self, backend: &mut dyn Backend) -> bake_runtime::Result<()> {
+    pub fn pdf(&mut self, backend: &dyn Backend) -> bake_runtime::Result<()> {
         let params = columns(&self.params);
         let points = points(&params, &self.wo);
         backend.pdf(points, views(&self.wi), &mut self.scalar)

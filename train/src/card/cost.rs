@@ -72,7 +72,7 @@ pub(super) fn cost(material: &Material, runners: &Runners) -> Result<Cost> {
     let mut scalar = vec![0.0f32; BATCH];
 
     let free = material.free();
-    let mut native = (runners.native)()?;
+    let native = (runners.native)()?;
     let mut ort = runners.ort.map(|make| make()).transpose()?;
     let mut mixture = runners.mixture.map(|make| make()).transpose()?;
     let mut laps = Laps::default();
@@ -197,7 +197,7 @@ mod tests {
         let fake =
             || -> bake_runtime::Result<Box<dyn Backend>> { Ok(Box::new(Fake::new(&material, Damage::None))) };
         let mixture = || -> bake_runtime::Result<Mixture> {
-            let mut fake = Fake::new(&material, Damage::None);
+            let fake = Fake::new(&material, Damage::None);
             Ok(Box::new(move |points, u, wi, jacobian| {
                 fake.sample_jacobian(points, u, wi, jacobian)?;
                 Ok(0)

@@ -41,7 +41,7 @@ pub fn smape(predicted: DVec3, truth: DVec3) -> f64 {
 pub(super) fn densities(
     truth: &Truth,
     samples: &Samples,
-    backend: &mut dyn Backend,
+    backend: &dyn Backend,
     buffers: &mut Buffers,
 ) -> Result<Densities> {
     let charts = [truth.chart, Chart::IDENTITY];
@@ -77,7 +77,7 @@ pub(super) fn densities(
 pub(super) fn chi2_effect(
     truth: &Truth,
     counts: &[u64],
-    backend: &mut dyn Backend,
+    backend: &dyn Backend,
     buffers: &mut Buffers,
 ) -> Result<f64> {
     let mass = pdf_masses(&truth.binned.bins, &truth.chart, backend, buffers)?;
@@ -98,7 +98,7 @@ pub(super) fn chi2_effect(
 fn pdf_masses(
     bins: &Bins,
     chart: &Chart,
-    backend: &mut dyn Backend,
+    backend: &dyn Backend,
     buffers: &mut Buffers,
 ) -> Result<Vec<f64>> {
     let mut cells = vec![0usize; SIDE * SIDE];

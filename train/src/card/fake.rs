@@ -6,6 +6,7 @@ use crate::transport::marginal::MarginalMap;
 use bake_runtime::chart::Chart;
 use bake_runtime::{Backend, Family, Material, Points, Reference, Result};
 use glam::DVec3;
+use std::sync::{Arc, Mutex};
 
 /// Cells per side of the tables that the sampler inverts.
 const CELLS: usize = 256;
@@ -42,7 +43,7 @@ pub enum Damage {
 pub struct Fake {
     material: Material,
     damage: Damage,
-    slice: Option<FakeSlice>,
+    slice: Mutex<Option<Arc<FakeSlice>>>,
 }
 
 /// The charts of one slice with the maps onto its lobes.
@@ -141,22 +142,24 @@ impl Fake {
         Fake {
             material: material.clone(),
             damage,
-            slice: None,
+            slice: Mutex::new(None),
         }
     }
 
-    fn slice(&mut self, points: &Points) -> Result<&FakeSlice> {
+    /// The slice that `points` ask for, made anew where the last ones asked for another.
+    fn slice(&self, points: &Points) -> Result<Arc<FakeSlice>> {
         points.check(self.material.free().len())?;
         let params: Vec<f32> = points.params.iter().map(|column| column[0]).collect();
         let wo = points.wo.map(|column| column[0]);
-        if self
-            .slice
-            .as_ref()
-            .is_none_or(|s| s.params != params || s.wo != wo)
-        {
-            self.slice = Some(FakeSlice::new(&self.material, params, wo)?);
+        let mut kept = self.slice.lock().expect("no thread panicked in here");
+        match &*kept {
+            Some(slice) if slice.params == params && slice.wo == wo => Ok(slice.clone()),
+            _ => {
+                let slice = Arc::new(FakeSlice::new(&self.material, params, wo)?);
+                *kept = Some(slice.clone());
+                Ok(slice)
+            }
         }
-        Ok(self.slice.as_ref().unwrap_or_else(|| unreachable!("just made")))
     }
 }
 
@@ -172,7 +175,7 @@ fn at(columns: &[&[f32]; 3], i: usize) -> DVec3 {
 
 impl Backend for Fake {
     fn sample_learned(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         mut wi: [&mut [f32]; 3],
@@ -195,7 +198,7 @@ impl Backend for Fake {
     }
 
     fn sample_jacobian(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         mut wi: [&mut [f32]; 3],
@@ -222,7 +225,7 @@ impl Backend for Fake {
         Ok(())
     }
 
-    fn eval(&mut self, points: Points, wi: [&[f32]; 3], mut f_cos: [&mut [f32]; 3]) -> Result<()> {
+    fn eval(&self, points: Points, wi: [&[f32]; 3], mut f_cos: [&mut [f32]; 3]) -> Result<()> {
         let damage = self.damage;
         let slice = self.slice(&points)?;
         for i in 0..points.len() {
@@ -235,7 +238,7 @@ impl Backend for Fake {
         Ok(())
     }
 
-    fn pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
+    fn pdf(&self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> Result<()> {
         let damage = self.damage;
         let slice = self.slice(&points)?;
         for (i, pdf) in pdf.iter_mut().enumerate() {

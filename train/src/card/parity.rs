@@ -77,7 +77,7 @@ impl Queries {
         q
     }
 
-    fn run(&self, backend: &mut dyn Backend) -> Result<Vec<Vec<f32>>> {
+    fn run(&self, backend: &dyn Backend) -> Result<Vec<Vec<f32>>> {
         let mut out = vec![vec![0.0; QUERIES]; OUTPUTS];
         let [x, y, z, r, g, b, jx, jy, jz, jacobian, er, eg, eb, pdf] = &mut out[..] else {
             unreachable!()

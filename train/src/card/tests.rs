@@ -54,7 +54,7 @@ fn lacquer() -> Material {
 fn measured(material: &Material, theta: f64, damage: Damage) -> Measured {
     let native = || -> bake_runtime::Result<Box<dyn Backend>> { Ok(Box::new(Fake::new(material, damage))) };
     let mixture = || -> bake_runtime::Result<Mixture> {
-        let mut fake = Fake::new(material, damage);
+        let fake = Fake::new(material, damage);
         Ok(Box::new(move |points, u, wi, jacobian| {
             fake.sample_jacobian(points, u, wi, jacobian)?;
             Ok(points.len() / 4)

@@ -35,7 +35,7 @@ pub(super) struct Learned {
 pub(super) fn learned(
     truth: &Truth,
     samples: &Samples,
-    backend: &mut dyn Backend,
+    backend: &dyn Backend,
     buffers: &mut Buffers,
 ) -> Result<Learned> {
     let mut counts = vec![0u64; SIDE * SIDE];
@@ -115,7 +115,7 @@ pub(super) fn exact(
     reference: &Reference,
     truth: &Truth,
     samples: &Samples,
-    backend: &mut dyn Backend,
+    backend: &dyn Backend,
     buffers: &mut Buffers,
     key: u64,
 ) -> Result<Exact> {

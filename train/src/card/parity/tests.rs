@@ -74,7 +74,7 @@ impl Spoilt {
 
 impl Backend for Spoilt {
     fn sample_learned(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         [x, y, z]: [&mut [f32]; 3],
@@ -91,7 +91,7 @@ impl Backend for Spoilt {
     }
 
     fn sample_jacobian(
-        &mut self,
+        &self,
         points: Points,
         u: [&[f32]; 2],
         [x, y, z]: [&mut [f32]; 3],
@@ -104,7 +104,7 @@ impl Backend for Spoilt {
     }
 
     fn eval(
-        &mut self,
+        &self,
         points: Points,
         wi: [&[f32]; 3],
         [r, g, b]: [&mut [f32]; 3],
@@ -114,7 +114,7 @@ impl Backend for Spoilt {
         Ok(())
     }
 
-    fn pdf(&mut self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> bake_runtime::Result<()> {
+    fn pdf(&self, points: Points, wi: [&[f32]; 3], pdf: &mut [f32]) -> bake_runtime::Result<()> {
         self.own.pdf(points, wi, &mut *pdf)?;
         self.spoil(13, [pdf]);
         Ok(())
