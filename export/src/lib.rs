@@ -22,4 +22,4 @@ mod tests;
 mod warp;
 mod writer;
 
-pub use writer::{export, to_onnx};
+pub use writer::{export, layers_to_onnx, to_onnx};

@@ -2,11 +2,12 @@
 
 use crate::density::density;
 use crate::graph::Graph;
-use crate::proto::{ModelProto, OperatorSetIdProto, StringStringEntryProto};
+use crate::layers::forward;
+use crate::proto::{GraphProto, ModelProto, OperatorSetIdProto, StringStringEntryProto};
 use crate::sample::sample;
 use bake_runtime::network::write_atomically;
-use bake_runtime::spec::{FORMAT, SPEC_KEY};
-use bake_runtime::{BakedMaterial, Result, Role};
+use bake_runtime::spec::{Activation, FORMAT, Port, SPEC_KEY};
+use bake_runtime::{BakedMaterial, Dense, Result, Role};
 use prost::Message;
 use std::path::Path;
 
@@ -42,6 +43,21 @@ pub fn to_onnx(material: &BakedMaterial, role: Role) -> Vec<u8> {
     model(material, role).encode_to_vec()
 }
 
+/// Dense `layers` alone as the bytes of an ONNX file, without encodings or heads: input `x` `[N, inputs]`, output `y`
+/// `[N, outputs]`, for comparisons of engines.
+pub fn layers_to_onnx(layers: &[Dense], activation: Activation) -> Vec<u8> {
+    let port = |name, width| Port {
+        name,
+        width,
+        doc: "Of the layers.",
+    };
+    let mut g = Graph::default();
+    let x = g.input(&port("x", layers.first().map_or(0, |layer| layer.inputs)));
+    let y = forward(&mut g, "net", layers, activation, x);
+    g.output(&port("y", layers.last().map_or(0, |layer| layer.outputs)), y);
+    plain(g.finish("layers", "Dense layers alone.")).encode_to_vec()
+}
+
 fn model(material: &BakedMaterial, role: Role) -> ModelProto {
     let mut g = Graph::default();
     let (spec, doc) = match role {
@@ -61,19 +77,27 @@ fn model(material: &BakedMaterial, role: Role) -> ModelProto {
     };
     let json = serde_json::to_string(spec).expect("a specification is plain data");
     ModelProto {
-        ir_version: Some(IR_VERSION),
-        producer_name: Some(env!("CARGO_PKG_NAME").into()),
-        producer_version: Some(env!("CARGO_PKG_VERSION").into()),
-        model_version: Some(i64::from(FORMAT)),
         doc_string: Some(format!("Material `{}`. {doc}", spec.material.name)),
-        graph: Some(g.finish(spec.role.name(), doc)),
-        opset_import: vec![OperatorSetIdProto {
-            domain: Some(String::new()),
-            version: Some(OPSET),
-        }],
         metadata_props: vec![StringStringEntryProto {
             key: Some(SPEC_KEY.into()),
             value: Some(json),
         }],
+        ..plain(g.finish(spec.role.name(), doc))
+    }
+}
+
+/// A file with `graph` and nothing said of it.
+fn plain(graph: GraphProto) -> ModelProto {
+    ModelProto {
+        ir_version: Some(IR_VERSION),
+        producer_name: Some(env!("CARGO_PKG_NAME").into()),
+        producer_version: Some(env!("CARGO_PKG_VERSION").into()),
+        model_version: Some(i64::from(FORMAT)),
+        graph: Some(graph),
+        opset_import: vec![OperatorSetIdProto {
+            domain: Some(String::new()),
+            version: Some(OPSET),
+        }],
+        ..ModelProto::default()
     }
 }

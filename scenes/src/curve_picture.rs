@@ -4,7 +4,7 @@ use crate::curve_axis::{Axis, even_ticks, number};
 use crate::curve_paper::{FINE, Paper};
 use crate::error::{Error, Result};
 use crate::label;
-use plotters::chart::ChartContext;
+use plotters::chart::{ChartContext, DualCoordChartContext};
 use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::prelude::*;
@@ -66,6 +66,18 @@ pub struct CurvePanel {
     pub clock: Vec<[f64; 2]>,
     /// The last step before values mean something else, and what they mean then.
     pub mark: Option<(f64, String)>,
+    /// Names of other axes than those of learning: both are logarithmic where all values are positive, and every point has
+    /// a dot.
+    pub axes: Option<Axes>,
+}
+
+/// What is drawn over what.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axes {
+    /// Name of the axis across.
+    pub across: String,
+    /// Name of the axis up.
+    pub up: String,
 }
 
 /// Values over steps.
@@ -100,6 +112,8 @@ pub fn write_curves(path: &Path, panels: &[CurvePanel]) -> Result<()> {
 
 type Area<'a> = DrawingArea<&'a mut Paper, Shift>;
 type Plot<'c, 'a> = ChartContext<'c, &'a mut Paper, Cartesian2d<Axis, Axis>>;
+type TimedPlot<'c, 'a> =
+    DualCoordChartContext<'c, &'a mut Paper, Cartesian2d<Axis, Axis>, Cartesian2d<Axis, Axis>>;
 type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
 
 /// `pixels` in fine ones.
@@ -128,7 +142,11 @@ fn draw(area: &Area, panel: &CurvePanel) -> Drawn {
     let points = points.filter(|p| is_drawable(p));
     let marked = panel.mark.iter().map(|(step, _)| *step);
     let last = points.clone().map(|p| p[0]).chain(marked).fold(1.0, f64::max);
-    let values = Axis::around(points.map(|p| p[1]));
+    let values = Axis::around(points.clone().map(|p| p[1]));
+    let across = match &panel.axes {
+        None => Axis::even(last, even_ticks([0.0, last])),
+        Some(_) => Axis::around(points.map(|p| p[0])),
+    };
     let (unit, times) = times(&panel.clock, last);
 
     let [left, top, right, bottom] = BORDER.map(|border| border - EDGE);
@@ -140,11 +158,12 @@ fn draw(area: &Area, panel: &CurvePanel) -> Drawn {
         .y_label_area_size(fine(left))
         .top_x_label_area_size(fine(time_height))
         .x_label_area_size(fine(bottom))
-        .build_cartesian_2d(Axis::even(last, even_ticks([0.0, last])), values.clone())?
+        .build_cartesian_2d(across, values.clone())?
         .set_secondary_coord(Axis::even(last, times.iter().map(|t| t[0]).collect()), values);
-    let y_name = match &panel.series[..] {
-        [only] => &only.name,
-        _ => "loss and errors",
+    let [x_name, y_name] = match (&panel.axes, &panel.series[..]) {
+        (Some(axes), _) => [&axes.across[..], &axes.up],
+        (None, [only]) => ["steps", &only.name],
+        (None, _) => ["steps", "loss and errors"],
     };
     chart
         .configure_mesh()
@@ -155,9 +174,35 @@ fn draw(area: &Area, panel: &CurvePanel) -> Drawn {
         .label_style(text(label::HEIGHT, INK))
         .x_label_formatter(&|step| number(*step))
         .y_label_formatter(&|value| number(*value))
-        .x_desc("steps")
+        .x_desc(x_name)
         .y_desc(y_name)
         .draw()?;
+    if panel.axes.is_none() {
+        draw_times(&mut chart, unit, &times)?;
+    }
+    write_heading(area, &panel.title)?;
+    if let Some((step, meaning)) = &panel.mark {
+        draw_mark(area, &mut chart, *step, meaning)?;
+    }
+    for (i, series) in panel.series.iter().enumerate() {
+        let dotted = i > 0 || panel.axes.is_some();
+        let style = stroke(COLOURS[i % COLOURS.len()], CURVE);
+        draw_series(
+            &mut chart,
+            series,
+            style,
+            dotted,
+            panel.mark.as_ref().map(|m| m.0),
+        )?;
+    }
+    match panel.series.len() {
+        0 | 1 => Ok(()),
+        _ => draw_legend(area, &panel.series),
+    }
+}
+
+/// Draws the axis of time above the plot.
+fn draw_times(chart: &mut TimedPlot, unit: &str, times: &[[f64; 2]]) -> Drawn {
     let time = |step: &f64| {
         let found = times.iter().find(|t| t[0] == *step);
         found.map_or(String::new(), |t| number(t[1]))
@@ -170,17 +215,7 @@ fn draw(area: &Area, panel: &CurvePanel) -> Drawn {
         .x_label_formatter(&time)
         .x_desc(unit)
         .draw()?;
-    write_heading(area, &panel.title)?;
-    if let Some((step, meaning)) = &panel.mark {
-        draw_mark(area, &mut chart, *step, meaning)?;
-    }
-    for (i, series) in panel.series.iter().enumerate() {
-        draw_series(&mut chart, series, i, panel.mark.as_ref().map(|m| m.0))?;
-    }
-    match panel.series.len() {
-        0 | 1 => Ok(()),
-        _ => draw_legend(area, &panel.series),
-    }
+    Ok(())
 }
 
 fn write_heading(area: &Area, title: &str) -> Drawn {
@@ -205,9 +240,14 @@ fn draw_mark(area: &Area, chart: &mut Plot, step: f64, meaning: &str) -> Drawn {
     Ok(area.draw_text(meaning, &style, at)?)
 }
 
-/// Draws the series that is `i`-th in its panel, with a gap behind the step `mark`.
-fn draw_series(chart: &mut Plot, series: &Series, i: usize, mark: Option<f64>) -> Drawn {
-    let style = stroke(COLOURS[i % COLOURS.len()], CURVE);
+/// Draws a series, with a gap behind the step `mark`.
+fn draw_series(
+    chart: &mut Plot,
+    series: &Series,
+    style: ShapeStyle,
+    dotted: bool,
+    mark: Option<f64>,
+) -> Drawn {
     let before = series
         .points
         .partition_point(|p| mark.is_some_and(|mark| p[0] <= mark));
@@ -220,7 +260,7 @@ fn draw_series(chart: &mut Plot, series: &Series, i: usize, mark: Option<f64>) -
         // One by one, with round joints: the outline of a whole jagged line overlaps itself.
         let lines = places.windows(2);
         chart.draw_series(lines.map(|ends| PathElement::new(ends.to_vec(), style)))?;
-        let radius = if i > 0 || places.len() == 1 {
+        let radius = if dotted || places.len() == 1 {
             DOT
         } else {
             CURVE / 2.0

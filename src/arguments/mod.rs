@@ -128,9 +128,18 @@ pub enum Command {
     ///
     /// bake maps --compare vase --solver marginal,frame
     Maps(MapsOptions),
-    /// Measure what a reference model costs: ns per sample and eval, seconds per slice, beside their noise.
+    /// Measure what queries cost beside their error: every SIMD tier, onnxruntime, batches of 1 to 65536.
     ///
-    /// One thread; a table over roughness and θ_o, of the family and of the baselines beside it: for the conductor,
-    /// single scattering with compensated energy. Lines below the table say what its columns mean.
+    /// One thread, medians of interleaved rounds; beside them the operations per second, their share of the multiply-add
+    /// peak that a loop reaches in the same rounds, the largest difference from f64, and the binning error of the model card:
+    ///
+    /// bake bench
+    ///
+    /// bake bench out/vase/vase --quick
+    ///
+    /// `--family` measures a reference model instead, ns per sample and eval and seconds per slice, over roughness and θ_o,
+    /// and the baselines beside it: for the conductor, single scattering with compensated energy.
+    ///
+    /// Lines below the tables say what their columns mean.
     Bench(BenchOptions),
 }

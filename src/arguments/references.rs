@@ -95,10 +95,19 @@ pub struct MapsOptions {
 /// Options of `bake bench`.
 #[derive(Debug, Args)]
 pub struct BenchOptions {
-    /// The family: conductor, layered or principled.
+    /// Folders of networks [default: the shipped materials, and synthetic networks of 3×32 to 6×128].
+    #[arg(conflicts_with = "family")]
+    pub models: Vec<PathBuf>,
+    /// Measure the reference models of a family instead: conductor, layered or principled.
     #[arg(long, value_parser = measured_family)]
-    pub family: Family,
-    /// Print the rows as one JSON list on standard output.
+    pub family: Option<Family>,
+    /// Three rounds instead of eleven, batches of 1 and 4096 alone.
+    #[arg(long, conflicts_with = "family")]
+    pub quick: bool,
+    /// Where the pictures go [default: out/bench].
+    #[arg(long, conflicts_with = "family")]
+    pub out: Option<PathBuf>,
+    /// Print the rows as one JSON list on standard output, and draw nothing.
     #[arg(long)]
     pub json: bool,
 }

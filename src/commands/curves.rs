@@ -57,6 +57,7 @@ fn panel(stage: Stage, preset: Preset, curve: &Curve) -> CurvePanel {
             .map(|row| [row.step as f64, row.seconds])
             .collect(),
         mark: changes.then(|| (map_steps(steps) as f64, "from here on the density's loss".into())),
+        axes: None,
     }
 }
 

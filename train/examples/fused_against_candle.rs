@@ -8,7 +8,8 @@
 
 use bake_runtime::Rng;
 use bake_runtime::network::Dense;
-use bake_runtime::simd::{Simd, Tier, TierTask, Vector};
+use bake_runtime::simd::{Simd, Tier, Vector};
+use bake_train::bench::peak::{CHAINS, Chains};
 use bake_train::fused::{Features, Fused, Nonlinearity, Outputs, OutputsMut, Shape, TileLoss};
 use bake_train::nn::mlp::Mlp;
 use candle_core::{Device, Tensor};
@@ -72,32 +73,8 @@ impl TileLoss for Squares<'_> {
     }
 }
 
-/// Multiply-adds that wait for nobody: [`PEAK_STEPS`] in each of [`CHAINS`] chains.
-struct Peak;
-
-/// More than the latency times the number of units, fewer than registers.
-const CHAINS: usize = 12;
-/// Some milliseconds.
+/// Steps of every chain of the peak: some milliseconds.
 const PEAK_STEPS: usize = 1 << 21;
-
-impl TierTask for Peak {
-    type Out = f32;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> f32 {
-        let (a, b) = (simd.splat(black_box(0.999)), simd.splat(black_box(1e-3)));
-        let mut sums = [b; CHAINS];
-        for _ in 0..PEAK_STEPS {
-            for sum in &mut sums {
-                *sum = sum.mul_add(a, b);
-            }
-        }
-        let mut out = [0.0];
-        let total = sums.into_iter().fold(b, |total, sum| total + sum);
-        total.store(&mut out);
-        out[0]
-    }
-}
 
 /// Processor time of this thread in seconds. The system brings it up to date when the thread yields.
 fn processor_seconds() -> f64 {
@@ -265,7 +242,7 @@ fn run(
             best[3] = best[3].min(started.elapsed().as_secs_f64());
         }
         let seconds = processor_time(|| {
-            black_box(tier.dispatch(Peak).unwrap_or(f32::NAN));
+            black_box(tier.dispatch(Chains { steps: PEAK_STEPS }).unwrap_or(f32::NAN));
         });
         best[4] = best[4].min(seconds);
     }

@@ -50,6 +50,9 @@ impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Tangents {
 
 /// A nonlinearity, or none.
 pub trait Activate {
+    /// Whether it takes an instruction or two.
+    const IS_SHORT: bool;
+
     /// On a value.
     fn value<V: Vector>(x: V) -> V;
 
@@ -67,6 +70,8 @@ pub struct Relu;
 pub struct Linear;
 
 impl Activate for Silu {
+    const IS_SHORT: bool = false;
+
     #[inline(always)]
     fn value<V: Vector>(x: V) -> V {
         x * sigmoid(x)
@@ -83,6 +88,8 @@ impl Activate for Silu {
 }
 
 impl Activate for Relu {
+    const IS_SHORT: bool = true;
+
     #[inline(always)]
     fn value<V: Vector>(x: V) -> V {
         x.max(x.splat(0.0))
@@ -100,6 +107,8 @@ impl Activate for Relu {
 }
 
 impl Activate for Linear {
+    const IS_SHORT: bool = true;
+
     #[inline(always)]
     fn value<V: Vector>(x: V) -> V {
         x

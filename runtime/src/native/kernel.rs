@@ -21,10 +21,12 @@ impl Layer {
                 bias: &self.bias()[p * PANEL..],
                 inputs: &inputs[..self.inputs()],
             };
-            block.rows::<C>(out);
-            // Once for the whole panel: after every block, the processor would wait for the end of the formula.
-            for row in out {
-                *row = C::finish::<A>(*row);
+            block.rows::<C, A>(out);
+            if !A::IS_SHORT {
+                // Once for the whole panel: after every block, the processor would wait for the end of the formula.
+                for row in out {
+                    *row = C::finish::<A>(*row);
+                }
             }
         }
     }
@@ -39,31 +41,47 @@ struct Block<'a, V, const N: usize> {
 }
 
 impl<V: Vector, const N: usize> Block<'_, V, N> {
-    /// Writes the sums of all rows to `out`, in blocks that fit into the registers with their inputs and a weight.
+    /// Writes the sums of all rows to `out`, behind a short activation, in blocks that fit into the registers with their inputs and a weight.
     #[inline(always)]
-    fn rows<C: Columns<V, N>>(&self, out: &mut [[V; N]]) {
+    fn rows<C: Columns<V, N>, A: Activate>(&self, out: &mut [[V; N]]) {
         let mut at = 0;
         match (N, V::REGISTERS) {
-            (1, 32..) => at = self.blocks::<C, 16>(at, out),
-            (1, _) | (2, 32..) => at = self.blocks::<C, 8>(at, out),
-            (2, _) => at = self.blocks::<C, 6>(at, out),
-            (3, 32..) => at = self.blocks::<C, 8>(at, out),
-            (3.., ..32) => at = self.blocks::<C, 3>(at, out),
+            (1, 32..) => at = self.blocks::<C, A, 16>(at, out),
+            (1, _) | (2, 32..) => at = self.blocks::<C, A, 8>(at, out),
+            // Six and twice five: four would have too few sums to hide that each waits for the one before.
+            (2, _) if out.len() == PANEL => {
+                at = self.blocks::<C, A, 6>(at, &mut out[..6]);
+                at = self.blocks::<C, A, 5>(at, out);
+            }
+            (2, _) => {
+                at = self.blocks::<C, A, 6>(at, out);
+                at = self.blocks::<C, A, 5>(at, out);
+            }
+            // The outputs of a sampling network.
+            (4, 32..) if out.len() == 5 => at = self.blocks::<C, A, 5>(at, out),
+            (3, 32..) => at = self.blocks::<C, A, 8>(at, out),
+            (3.., ..32) => at = self.blocks::<C, A, 3>(at, out),
             _ => {}
         }
         if N < 3 || V::REGISTERS >= 32 {
-            at = self.blocks::<C, 4>(at, out);
+            at = self.blocks::<C, A, 4>(at, out);
         }
-        at = self.blocks::<C, 2>(at, out);
-        self.blocks::<C, 1>(at, out);
+        at = self.blocks::<C, A, 2>(at, out);
+        self.blocks::<C, A, 1>(at, out);
     }
 
     /// Writes the sums of the rows of `out` from `at` on, as long as there are `R` of them; the first that is left.
     #[inline(always)]
-    fn blocks<C: Columns<V, N>, const R: usize>(&self, at: usize, out: &mut [[V; N]]) -> usize {
+    fn blocks<C: Columns<V, N>, A: Activate, const R: usize>(&self, at: usize, out: &mut [[V; N]]) -> usize {
         let (blocks, _) = out[at..].as_chunks_mut::<R>();
         for (block, out) in blocks.iter_mut().enumerate() {
+            // Whole first: a loop that picks rows out of the sums would keep them in memory throughout.
             *out = self.sums::<C, R>(at + R * block);
+            if A::IS_SHORT {
+                for row in out {
+                    *row = C::finish::<A>(*row);
+                }
+            }
         }
         at + R * blocks.len()
     }

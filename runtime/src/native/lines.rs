@@ -29,6 +29,12 @@ impl Layer {
         let vectors = self.outputs().div_ceil(V::LANES);
         // Sums wait for the sum before them, so several vectors take turns; more than these would not stay in registers.
         let mut at = 0;
+        if K == 1 {
+            while at + 8 <= vectors {
+                self.block::<V, C, A, K, 8>(zero, at, from, to);
+                at += 8;
+            }
+        }
         if K < LINES_MAX {
             while at + 4 <= vectors {
                 self.block::<V, C, A, K, 4>(zero, at, from, to);

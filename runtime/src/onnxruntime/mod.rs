@@ -11,7 +11,10 @@ pub use library::{ONNXRUNTIME_PINNED, library_path};
 use crate::backend::{Backend, Points};
 use crate::error::{Error, Result};
 use crate::spec::Role;
-use model::Model;
+use library::environment;
+use model::{Model, open};
+use ort::session::Session;
+use ort::value::TensorRef;
 use std::path::Path;
 
 /// Runs `sample.onnx`, `eval.onnx` and `pdf.onnx` of one folder, on the threads that call it: each of these has a session of
@@ -54,6 +57,48 @@ impl OrtBackend {
             ));
         }
         Ok(backend)
+    }
+}
+
+impl OrtBackend {
+    /// The same with `chunk` ≥ 1 queries per call of onnxruntime instead of 1024.
+    pub fn with_chunk(mut self, chunk: usize) -> OrtBackend {
+        for model in [&mut self.sample, &mut self.eval, &mut self.pdf] {
+            model.chunk = chunk.max(1);
+        }
+        self
+    }
+}
+
+/// Any ONNX model in one session on the caller's thread, for comparisons of engines.
+pub struct PlainModel {
+    session: Session,
+}
+
+impl PlainModel {
+    /// A session of the model that `bytes` hold.
+    ///
+    /// # Errors
+    /// [`Error::Onnxruntime`] when the library is missing or refuses the model.
+    pub fn new(bytes: &[u8]) -> Result<PlainModel> {
+        let refused = |e| Error::Onnxruntime(format!("onnxruntime refuses the model: {e}"));
+        Ok(PlainModel {
+            session: open(&environment()?, bytes).map_err(refused)?,
+        })
+    }
+
+    /// Runs the model on its one input, called `input`, row-major `[rows, width]`, and gives what it made of it to `read`.
+    ///
+    /// # Errors
+    /// [`Error::Onnxruntime`] when the model cannot run it.
+    pub fn run(&mut self, input: &str, width: usize, rows: &[f32], read: impl FnOnce(&[f32])) -> Result<()> {
+        let failed = |e: ort::Error| Error::Onnxruntime(format!("onnxruntime could not run the model: {e}"));
+        let tensor =
+            TensorRef::from_array_view(([rows.len() / width.max(1), width], rows)).map_err(failed)?;
+        let answers = self.session.run(vec![(input, tensor)]).map_err(failed)?;
+        let (_, values) = answers[0].try_extract_tensor::<f32>().map_err(failed)?;
+        read(values);
+        Ok(())
     }
 }
 

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 /// Queries per call of onnxruntime: enough to hide its cost per call, few enough to stay in the caches.
-const CHUNK: usize = 1024;
+pub const CHUNK: usize = 1024;
 
 /// A structure of arrays to be filled, under the name of the graph output that fills it.
 type Output<'a> = (&'static str, Vec<&'a mut [f32]>);
@@ -30,6 +30,8 @@ pub struct Model {
     environment: Environment,
     /// Inputs in order.
     ports: Vec<Port>,
+    /// Queries per call of onnxruntime.
+    pub chunk: usize,
     /// Sessions that no thread is using.
     idle: Mutex<Vec<Worker>>,
 }
@@ -66,6 +68,7 @@ impl Model {
                 rows: vec![Vec::new(); ports.len()],
             }]),
             ports,
+            chunk: CHUNK,
             bytes,
             environment,
         })
@@ -116,8 +119,8 @@ impl Model {
     ) -> Result<()> {
         let [camera, second] = self.spec.role.graph_inputs();
         let count = points.len();
-        for start in (0..count).step_by(CHUNK) {
-            let end = count.min(start + CHUNK);
+        for start in (0..count).step_by(self.chunk) {
+            let end = count.min(start + self.chunk);
             for (port, rows) in self.ports.iter().zip(&mut worker.rows) {
                 let columns = match port.name {
                     name if name == camera.name => &points.wo,
@@ -183,7 +186,7 @@ fn check_all(count: usize, name: &'static str, lengths: impl Iterator<Item = usi
 }
 
 /// A session that stays on the caller's thread and writes nothing to the terminal.
-fn open(environment: &Environment, bytes: &[u8]) -> ort::Result<Session> {
+pub fn open(environment: &Environment, bytes: &[u8]) -> ort::Result<Session> {
     Session::builder(environment)?
         .with_log_level(LogLevel::Fatal)?
         .with_optimization_level(GraphOptimizationLevel::All)?

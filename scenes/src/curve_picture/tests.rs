@@ -46,6 +46,7 @@ fn panel(series: Vec<Series>) -> CurvePanel {
         clock: vec![[100.0, 10.0], [500.0, 90.0]],
         series,
         mark: None,
+        axes: None,
     }
 }
 

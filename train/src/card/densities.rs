@@ -95,12 +95,7 @@ pub(super) fn chi2_effect(
 }
 
 /// Integral of the pdf network over every bin.
-fn pdf_masses(
-    bins: &Bins,
-    chart: &Chart,
-    backend: &dyn Backend,
-    buffers: &mut Buffers,
-) -> Result<Vec<f64>> {
+fn pdf_masses(bins: &Bins, chart: &Chart, backend: &dyn Backend, buffers: &mut Buffers) -> Result<Vec<f64>> {
     let mut cells = vec![0usize; SIDE * SIDE];
     for k in 0..CHART_CELLS * CHART_CELLS {
         cells[bins.index(direction_at(chart, cell_centre(k, CHART_CELLS)).0)] += 1;

@@ -6,8 +6,9 @@ use crate::error::Result;
 use crate::places::value_at;
 use bake_runtime::backend::{Backend, BakedMaterial};
 use bake_runtime::bsdf::direction;
+use bake_runtime::oracle::OracleSample;
 use bake_runtime::spec::DISK_HEIGHT_MIN;
-use bake_runtime::{Material, Rng, oracle};
+use bake_runtime::{Material, Network, Rng, oracle};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -100,12 +101,7 @@ impl Queries {
         let u = self.u.each_ref().map(|c| f64::from(c[i]));
         let network = &material.sample;
         let drawn = oracle::sample(network, &params, wo, u);
-        let (folded, _) = oracle::fold(network.spec.symmetry, wo);
-        let jumps = match &oracle::charts_of(network, &params, folded)[..] {
-            [(first, _), _] => (u[0] - first).abs() < SHARE_MARGIN,
-            [] => drawn.wi[2] < HEIGHT_MARGIN,
-            _ => false,
-        };
+        let jumps = is_next_to_a_jump(network, &params, wo, u, &drawn);
         let mut answer = [0.0; OUTPUTS];
         answer[..3].copy_from_slice(&drawn.wi);
         answer[3..6].copy_from_slice(&drawn.weight);
@@ -114,6 +110,22 @@ impl Queries {
         answer[10..13].copy_from_slice(&oracle::eval(&material.eval, &params, wo, wi));
         answer[13] = oracle::pdf(&material.pdf, &params, wo, wi).0;
         (!jumps).then_some(answer)
+    }
+}
+
+/// Whether rounding may take the sample `drawn` for `params`, `wo` and `u` to another chart, or past the rim of the disk.
+pub fn is_next_to_a_jump(
+    network: &Network,
+    params: &[f64],
+    wo: [f64; 3],
+    u: [f64; 2],
+    drawn: &OracleSample,
+) -> bool {
+    let (folded, _) = oracle::fold(network.spec.symmetry, wo);
+    match &oracle::charts_of(network, params, folded)[..] {
+        [(first, _), _] => (u[0] - first).abs() < SHARE_MARGIN,
+        [] => drawn.wi[2] < HEIGHT_MARGIN,
+        _ => false,
     }
 }
 

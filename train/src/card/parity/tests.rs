@@ -103,12 +103,7 @@ impl Backend for Spoilt {
         Ok(())
     }
 
-    fn eval(
-        &self,
-        points: Points,
-        wi: [&[f32]; 3],
-        [r, g, b]: [&mut [f32]; 3],
-    ) -> bake_runtime::Result<()> {
+    fn eval(&self, points: Points, wi: [&[f32]; 3], [r, g, b]: [&mut [f32]; 3]) -> bake_runtime::Result<()> {
         self.own.eval(points, wi, [&mut *r, &mut *g, &mut *b])?;
         self.spoil(10, [r, g, b]);
         Ok(())

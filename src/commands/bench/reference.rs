@@ -1,18 +1,18 @@
-//! `bake bench`: what the reference models cost, beside the noise that it buys.
+//! `bake bench --family`: what the reference models cost, beside the noise that it buys.
 
-use crate::arguments::BenchOptions;
 use crate::output;
 use crate::progress::Stages;
 use anyhow::Result;
+use bake_runtime::Family;
 use bake_train::bench::reference::{Row, SLICE_NOISE, SLICE_SIDE, rows};
 
-/// Runs the command.
-pub fn run(options: &BenchOptions) -> Result<()> {
+/// Measures the models of `family`.
+pub fn run(family: Family, json: bool) -> Result<()> {
     let stages = Stages::new();
-    let label = format!("measuring {}", options.family.name());
-    let rows = rows(options.family, &|done, total| stages.report(&label, done, total))?;
+    let label = format!("measuring {}", family.name());
+    let rows = rows(family, &|done, total| stages.report(&label, done, total))?;
     stages.finish();
-    if options.json {
+    if json {
         return output::json(&rows);
     }
     print(&rows);

@@ -1,0 +1,388 @@
+//! Times everything in interleaved rounds: a clock that drifts, and whatever else the machine does, hits all alike.
+
+use super::queries::{Batch, Engine, Estimator};
+use super::subjects::{Kind, Subject};
+use crate::output;
+use anyhow::Result;
+use bake_export::{export, layers_to_onnx};
+use bake_runtime::native::{Layers, NativeBackend, Tier};
+use bake_runtime::onnxruntime::{OrtBackend, PlainModel, library_path};
+use bake_runtime::spec::Activation;
+use bake_runtime::{BakedMaterial, Dense, Error, Rng, oracle};
+use bake_train::bench::peak::Peak;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// Queries per call.
+const BATCHES: [usize; 5] = [1, 16, 256, 4096, 65536];
+/// The same for `--quick`.
+const QUICK_BATCHES: [usize; 2] = [1, 4096];
+/// Rounds, of which the median counts.
+const ROUNDS: usize = 11;
+/// The same for `--quick`.
+const QUICK_ROUNDS: usize = 3;
+/// A call is repeated within a round until it has taken this long, seconds.
+const ROUND_SECONDS: f64 = 1e-3;
+/// Queries per call of onnxruntime that are tried; the best counts.
+const ORT_CHUNKS: [usize; 3] = [256, 1024, 4096];
+
+/// One row of the table.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// What was measured.
+    pub subject: String,
+    /// `native` or `ort`.
+    pub backend: &'static str,
+    /// SIMD tier of `native`.
+    pub tier: Option<&'static str>,
+    /// Always `f32`.
+    pub precision: &'static str,
+    /// What was asked.
+    pub estimator: Estimator,
+    /// Width of the sampling network's hidden layers.
+    pub width: usize,
+    /// Number of them.
+    pub depth: usize,
+    /// Queries per call.
+    pub batch: usize,
+    /// Whether free parameters were bound.
+    pub bound: bool,
+    /// Whether encodings and heads belong to what ran.
+    pub encoding_in_graph: bool,
+    /// Median, nanoseconds.
+    pub ns_per_query: f64,
+    /// 10⁹ operations a second of the layers' multiply-adds, two for each.
+    pub gflops: Option<f64>,
+    /// Share of the tier's peak, or of the best tier's for onnxruntime.
+    pub percent_of_fma_peak: Option<f64>,
+    /// Largest |a − b| / max(1, |b|) against f64.
+    pub max_abs_error: Option<f64>,
+    /// Binning error of the sampling network, θ_o ≤ 75°, from its card.
+    pub binning_l1: Option<f64>,
+}
+
+/// Everything that was measured.
+pub struct Results {
+    /// Rows, by subject, batch and backend.
+    pub rows: Vec<Row>,
+    /// Peak of every tier, and multiply-adds of whole vectors a cycle.
+    pub peaks: BTreeMap<&'static str, (f64, f64)>,
+}
+
+/// A row under way, and what runs for it.
+struct Job<'a> {
+    row: Row,
+    multiply_adds: Option<usize>,
+    run: Box<dyn FnMut() -> bake_runtime::Result<()> + 'a>,
+    /// Calls per round.
+    calls: usize,
+    seconds: Vec<f64>,
+}
+
+/// What one batch runs with.
+struct Bench {
+    rounds: usize,
+    /// Peaks of every tier, of all rounds so far.
+    peaks: BTreeMap<&'static str, Vec<Peak>>,
+    rows: Vec<Row>,
+}
+
+/// Measures `subjects`, in fewer batches and rounds where it is to be `quick`.
+pub fn all(subjects: &[Subject], quick: bool, tick: &dyn Fn(u64, u64) -> ControlFlow<()>) -> Result<Results> {
+    let batches = if quick { &QUICK_BATCHES[..] } else { &BATCHES };
+    let with_ort = match library_path() {
+        Ok(_) => true,
+        Err(error) => {
+            output::warn(&format!("rows of onnxruntime are left out: {error}"));
+            false
+        }
+    };
+    let mut bench = Bench {
+        rounds: if quick { QUICK_ROUNDS } else { ROUNDS },
+        peaks: BTreeMap::new(),
+        rows: Vec::new(),
+    };
+    let total = (subjects.len() * batches.len()) as u64;
+    for (s, subject) in subjects.iter().enumerate() {
+        let folder = tempfile::tempdir()?;
+        if let (Kind::Networks { material, .. }, true) = (&subject.kind, with_ort) {
+            export(material, folder.path())?;
+        }
+        for (b, &batch) in batches.iter().enumerate() {
+            if tick((s * batches.len() + b) as u64, total).is_break() {
+                anyhow::bail!("interrupted; nothing was written");
+            }
+            match &subject.kind {
+                Kind::Layers(layers, activation) => {
+                    bench.layers(subject, layers, *activation, batch, with_ort)?
+                }
+                Kind::Networks { material, .. } => {
+                    let folder = with_ort.then_some(folder.path());
+                    bench.networks(subject, material, batch, folder)?;
+                }
+            }
+        }
+    }
+    let peaks = bench.peaks.iter().map(|(tier, peaks)| {
+        let gflops = median(peaks.iter().map(|p| p.gflops).collect());
+        let tier_of = Tier::ALL.into_iter().find(|t| t.name() == *tier);
+        let per_cycle = peaks
+            .iter()
+            .map(|p| tier_of.map_or(0.0, |t| p.vectors_per_cycle(t)));
+        (*tier, (gflops, median(per_cycle.collect())))
+    });
+    Ok(Results {
+        peaks: peaks.collect(),
+        rows: bench.rows,
+    })
+}
+
+impl Bench {
+    /// Dense layers on every tier, and in onnxruntime without anything around them.
+    fn layers(
+        &mut self,
+        subject: &Subject,
+        layers: &[Dense],
+        activation: Activation,
+        batch: usize,
+        with_ort: bool,
+    ) -> Result<()> {
+        let inputs = layers[0].inputs;
+        let outputs = layers[layers.len() - 1].outputs;
+        let mut rng = Rng::new(&[batch as u64]);
+        let rows: Vec<f32> = (0..batch * inputs)
+            .map(|_| (2.0 * rng.uniform() - 1.0) as f32)
+            .collect();
+        let column = |c: usize| rows.iter().skip(c).step_by(inputs).copied().collect();
+        let columns: Vec<Vec<f32>> = (0..inputs).map(column).collect();
+        let columns: Vec<&[f32]> = columns.iter().map(Vec::as_slice).collect();
+        let truth = |i: usize| {
+            let x = rows[i * inputs..][..inputs]
+                .iter()
+                .map(|v| f64::from(*v))
+                .collect();
+            oracle::forward(layers, activation, &[x]).swap_remove(0)
+        };
+        let compared = batch.min(64);
+        let error = |at: &dyn Fn(usize, usize) -> f32| {
+            let errors = (0..compared).flat_map(|i| {
+                let truth = truth(i).into_iter().enumerate();
+                truth.map(move |(c, truth)| (f64::from(at(i, c)) - truth).abs() / truth.abs().max(1.0))
+            });
+            errors.fold(0.0, f64::max)
+        };
+        let multiply_adds = layers.iter().map(|l| l.inputs * l.outputs).sum();
+        let mut jobs = Vec::new();
+        for tier in Tier::available() {
+            let packed = Layers::new(layers, activation, tier)?;
+            let mut out = vec![vec![0.0f32; batch]; outputs];
+            let run = |packed: &Layers, out: &mut [Vec<f32>]| {
+                let mut out: Vec<&mut [f32]> = out.iter_mut().map(Vec::as_mut_slice).collect();
+                packed.run(&columns, &mut out)
+            };
+            run(&packed, &mut out)?;
+            let mut row = Row::new(subject, "native", Some(tier), Estimator::Layers, batch);
+            row.max_abs_error = Some(error(&|i, c| out[c][i]));
+            row.encoding_in_graph = false;
+            jobs.push(Job::new(row, Some(multiply_adds), move || run(&packed, &mut out)));
+        }
+        if with_ort {
+            let mut model = PlainModel::new(&layers_to_onnx(layers, activation))?;
+            let mut found = Vec::new();
+            model.run("x", inputs, &rows, |y| found = y.to_vec())?;
+            let mut row = Row::new(subject, "ort", None, Estimator::Layers, batch);
+            row.max_abs_error = Some(error(&|i, c| found[i * outputs + c]));
+            row.encoding_in_graph = false;
+            let chunks = ORT_CHUNKS.map(|chunk| chunk.min(batch));
+            for (k, chunk) in chunks.into_iter().enumerate() {
+                if chunks[..k].contains(&chunk) {
+                    continue;
+                }
+                let mut model = PlainModel::new(&layers_to_onnx(layers, activation))?;
+                let rows = &rows;
+                jobs.push(Job::new(row.clone(), Some(multiply_adds), move || {
+                    let mut chunks = rows.chunks(chunk * inputs);
+                    chunks.try_for_each(|rows| {
+                        model.run("x", inputs, rows, |y| {
+                            std::hint::black_box(y);
+                        })
+                    })
+                }));
+            }
+        }
+        self.run(jobs)
+    }
+
+    /// A material's queries on every tier, with bound parameters on the best one, and in onnxruntime from the models in
+    /// `folder`.
+    fn networks(
+        &mut self,
+        subject: &Subject,
+        material: &BakedMaterial,
+        batch: usize,
+        folder: Option<&std::path::Path>,
+    ) -> Result<()> {
+        let best = NativeBackend::new(material, Tier::best())?;
+        let natives = Tier::available()
+            .into_iter()
+            .map(|tier| Ok((tier, NativeBackend::new(material, tier)?)));
+        let natives: Vec<(Tier, NativeBackend)> = natives.collect::<bake_runtime::Result<_>>()?;
+        let mut orts = Vec::new();
+        if let Some(folder) = folder {
+            for chunk in ORT_CHUNKS.into_iter().filter(|c| *c <= batch.max(ORT_CHUNKS[0])) {
+                orts.push(OrtBackend::new(folder)?.with_chunk(chunk));
+            }
+        }
+        let free = !material.sample.spec.material.free().is_empty();
+        let shared = Batch::new(material, &best, batch, true)?;
+        let bound = best.bind(&shared.shared())?;
+        let charts = material.sample.spec.charts().map_or(0, |c| c.anchors.len());
+        let estimators = [
+            (Estimator::Learned, true),
+            (Estimator::Jacobian, true),
+            (Estimator::Mixture, charts > 1),
+            (Estimator::Eval, true),
+            (Estimator::Pdf, true),
+            (Estimator::ExactPdf, charts > 0),
+        ];
+        let binning = match &subject.kind {
+            Kind::Networks { binning_l1, .. } => *binning_l1,
+            Kind::Layers(..) => None,
+        };
+        for (estimator, _) in estimators.into_iter().filter(|(_, offered)| *offered) {
+            let mut jobs = Vec::new();
+            let multiply_adds = estimator.multiply_adds(material);
+            for (tier, native) in &natives {
+                let mut queries = Batch::new(material, &best, batch, false)?;
+                queries.answer(Engine::Native(native), estimator)?;
+                let mut row = Row::new(subject, "native", Some(*tier), estimator, batch);
+                row.max_abs_error = Some(queries.largest_error(material, estimator));
+                row.binning_l1 = binning;
+                jobs.push(Job::new(row, multiply_adds, move || {
+                    queries.answer(Engine::Native(native), estimator)
+                }));
+            }
+            if free {
+                let mut queries = Batch::new(material, &best, batch, true)?;
+                let mut row = Row::new(subject, "native", Some(Tier::best()), estimator, batch);
+                row.bound = true;
+                row.binning_l1 = binning;
+                queries.unbound();
+                let bound = &bound;
+                jobs.push(Job::new(row, None, move || {
+                    queries.answer(Engine::Native(bound), estimator)
+                }));
+            }
+            let runs = !matches!(estimator, Estimator::Mixture | Estimator::ExactPdf);
+            for ort in orts.iter().filter(|_| runs) {
+                let mut queries = Batch::new(material, &best, batch, false)?;
+                queries.answer(Engine::Ort(ort), estimator)?;
+                let mut row = Row::new(subject, "ort", None, estimator, batch);
+                row.max_abs_error = Some(queries.largest_error(material, estimator));
+                row.binning_l1 = binning;
+                jobs.push(Job::new(row, multiply_adds, move || {
+                    queries.answer(Engine::Ort(ort), estimator)
+                }));
+            }
+            self.run(jobs)?;
+        }
+        Ok(())
+    }
+
+    /// Times `jobs` in turns with the peaks of all tiers, and keeps the best of rows that differ in nothing else.
+    fn run(&mut self, mut jobs: Vec<Job>) -> Result<()> {
+        for job in &mut jobs {
+            let started = Instant::now();
+            (job.run)()?;
+            let seconds = started.elapsed().as_secs_f64();
+            job.calls = (ROUND_SECONDS / seconds.max(1e-9)).ceil() as usize;
+        }
+        let mut peaks: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
+        for _ in 0..self.rounds {
+            for tier in Tier::available() {
+                let peak = Peak::measure(tier)?;
+                peaks.entry(tier.name()).or_default().push(peak.gflops);
+                self.peaks.entry(tier.name()).or_default().push(peak);
+            }
+            for job in &mut jobs {
+                let started = Instant::now();
+                for _ in 0..job.calls {
+                    (job.run)()?;
+                }
+                job.seconds
+                    .push(started.elapsed().as_secs_f64() / job.calls as f64);
+            }
+        }
+        let peaks: BTreeMap<&str, f64> = peaks.into_iter().map(|(tier, all)| (tier, median(all))).collect();
+        let mut finished: Vec<Row> = Vec::new();
+        for mut job in jobs {
+            let seconds = median(job.seconds) / job.row.batch as f64;
+            job.row.ns_per_query = seconds * 1e9;
+            job.row.gflops = job.multiply_adds.map(|n| 2.0 * n as f64 / seconds * 1e-9);
+            let peak = peaks[job.row.tier.unwrap_or(Tier::best().name())];
+            job.row.percent_of_fma_peak = job.row.gflops.map(|gflops| 100.0 * gflops / peak);
+            let same = finished.last_mut().filter(|last| last.is_like(&job.row));
+            match same {
+                Some(last) if last.ns_per_query <= job.row.ns_per_query => {}
+                Some(last) => *last = job.row,
+                None => finished.push(job.row),
+            }
+        }
+        self.rows.extend(finished);
+        Ok(())
+    }
+}
+
+impl Row {
+    fn new(
+        subject: &Subject,
+        backend: &'static str,
+        tier: Option<Tier>,
+        estimator: Estimator,
+        batch: usize,
+    ) -> Row {
+        let [depth, width] = subject.shape;
+        Row {
+            subject: subject.name.clone(),
+            backend,
+            tier: tier.map(Tier::name),
+            precision: "f32",
+            estimator,
+            width,
+            depth,
+            batch,
+            bound: false,
+            encoding_in_graph: true,
+            ns_per_query: f64::NAN,
+            gflops: None,
+            percent_of_fma_peak: None,
+            max_abs_error: None,
+            binning_l1: None,
+        }
+    }
+
+    /// Whether `other` is the same but for its numbers.
+    fn is_like(&self, other: &Row) -> bool {
+        (self.backend, self.tier, self.bound, self.estimator)
+            == (other.backend, other.tier, other.bound, other.estimator)
+    }
+}
+
+impl<'a> Job<'a> {
+    fn new(row: Row, multiply_adds: Option<usize>, run: impl FnMut() -> Result<(), Error> + 'a) -> Job<'a> {
+        Job {
+            row,
+            multiply_adds,
+            run: Box::new(run),
+            calls: 1,
+            seconds: Vec::new(),
+        }
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
