@@ -6,19 +6,18 @@ use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::onnxruntime::OrtBackend;
 use bake_runtime::{Backend, BakedMaterial, Role};
 use bake_scenes::Scene;
-use bake_train::card::Mixture;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::sync::Arc;
 
-/// The baked materials of a scene.
+/// The baked materials of a scene, each with what runs it.
 pub struct Backends {
-    kind: BackendName,
-    materials: BTreeMap<String, (PathBuf, BakedMaterial)>,
+    materials: BTreeMap<String, Arc<dyn Backend>>,
 }
 
 impl Backends {
-    /// Loads the baked folder of every material of `scene` that has one in `folders`, and tries the backend once,
-    /// so that what is missing, or was baked from other parameters, is said before the work begins.
+    /// Loads the baked folder of every material of `scene` that has one in `folders`, and makes its backend, so that what is
+    /// missing, or was baked from other parameters, is said before the work begins.
     pub fn load(kind: BackendName, folders: &BTreeMap<String, PathBuf>, scene: &Scene) -> Result<Backends> {
         let mut materials = BTreeMap::new();
         for wanted in scene.materials() {
@@ -33,7 +32,6 @@ impl Backends {
                     wanted.name
                 );
             }
-            materials.insert(wanted.name.clone(), (folder.clone(), baked));
             let models = Role::ALL.map(|role| folder.join(role.name()).with_extension("onnx"));
             if let Some(missing) = models
                 .iter()
@@ -45,41 +43,23 @@ impl Backends {
                     folder.display()
                 );
             }
+            let backend: Arc<dyn Backend> = match kind {
+                BackendName::Native => Arc::new(native(&baked)?),
+                BackendName::Ort => Arc::new(OrtBackend::new(folder)?),
+            };
+            materials.insert(wanted.name.clone(), backend);
         }
-        let backends = Backends { kind, materials };
-        for name in folders.keys() {
-            backends.make(name)?;
-        }
-        Ok(backends)
+        Ok(Backends { materials })
     }
 
-    /// A backend for the material called `name`.
-    pub fn make(&self, name: &str) -> bake_runtime::Result<Box<dyn Backend>> {
-        let Some((folder, material)) = self.materials.get(name) else {
-            return Err(bake_runtime::Error::network(name, "the material was not loaded"));
-        };
-        match self.kind {
-            BackendName::Native => native(material),
-            BackendName::Ort => ort(folder),
-        }
+    /// The backend of the material called `name`.
+    pub fn get(&self, name: &str) -> bake_runtime::Result<Arc<dyn Backend>> {
+        let missing = || bake_runtime::Error::network(name, "the material was not loaded");
+        self.materials.get(name).cloned().ok_or_else(missing)
     }
 }
 
-/// The native backend at the machine's best tier.
-pub fn native(material: &BakedMaterial) -> bake_runtime::Result<Box<dyn Backend>> {
-    Ok(Box::new(NativeBackend::new(material, Tier::best())?))
-}
-
-/// The onnxruntime backend on the ONNX files in `folder`.
-pub fn ort(folder: &Path) -> bake_runtime::Result<Box<dyn Backend>> {
-    Ok(Box::new(OrtBackend::new(folder)?))
-}
-
-/// Draws from two charts by their exact mixture, by the native backend.
-pub fn mixture(material: &BakedMaterial) -> bake_runtime::Result<Mixture<'static>> {
-    let backend = NativeBackend::new(material, Tier::best())?;
-    Ok(Box::new(move |points, u, wi, jacobian| {
-        let inversions = backend.sample_mixture(points, u, wi, jacobian)?;
-        Ok(inversions.unconverged as usize)
-    }))
+/// The native backend at the tier that the environment chooses.
+pub fn native(material: &BakedMaterial) -> bake_runtime::Result<NativeBackend> {
+    NativeBackend::new(material, Tier::chosen()?)
 }

@@ -28,6 +28,15 @@ use support::python::{python, workspace};
 const QUERIES: usize = 1_000_000;
 /// Queries of a comparison on random networks.
 const RANDOM_QUERIES: usize = 5_000;
+/// Queries of the comparison with f64.
+const ERROR_QUERIES: usize = 10_000;
+/// Shares of the queries whose largest error is compared: the few answers that jump are as large for both engines, but not
+/// of the same queries.
+const ERROR_SHARES: [f64; 4] = [0.5, 0.9, 0.99, 0.999];
+/// How many times onnxruntime's error ours may be.
+const ERROR_RATIO_MAX: f64 = 2.0;
+/// One rounding: where onnxruntime is exact, ours need not be.
+const ERROR_FLOOR: f64 = 1.2e-7;
 /// Fixed vectors for Python: small enough for a readable file, large enough for every stratum.
 const VECTORS: usize = 256;
 /// Queries that they are chosen from: frequencies up to 2¹¹π, as the paper's preset has them, carry a rounding of `wo` past what
@@ -43,11 +52,33 @@ fn native_and_onnxruntime_agree_on_a_million_queries_of_every_material_that_ship
 }
 
 #[test]
+fn native_is_as_near_to_f64_as_onnxruntime_on_every_material_that_ships() {
+    python();
+    for folder in shipped() {
+        let material = load(&folder);
+        let queries = Queries::new(&material, ERROR_QUERIES, 5);
+        let truth = queries.ask_oracle(&material);
+        let ort = OrtBackend::new(&folder).unwrap_or_else(|e| panic!("{e}"));
+        let [own, other] = [queries.ask(&native(&material)), queries.ask(&ort)]
+            .map(|answers| OUTPUTS.map(|(_, columns)| error_quantiles(&answers, &truth, columns)));
+        for (((name, _), own), other) in OUTPUTS.iter().zip(own).zip(other) {
+            for ((share, own), other) in ERROR_SHARES.iter().zip(own).zip(other) {
+                assert!(
+                    own <= ERROR_RATIO_MAX * other + ERROR_FLOOR,
+                    "{}, {name}: {share} of native's errors lie below {own:.2e}, of onnxruntime's below {other:.2e}",
+                    folder.display()
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn python_onnxruntime_gives_the_same_vectors_of_every_material_that_ships() {
     for folder in shipped() {
         let material = load(&folder);
         let queries = steady_queries(&material, 3);
-        let answers = queries.ask(&mut native(&material));
+        let answers = queries.ask(&native(&material));
         verify_in_python(&folder, &queries, &answers);
     }
 }
@@ -142,15 +173,29 @@ fn exported(material: &BakedMaterial) -> tempfile::TempDir {
 /// Asserts that native kernels and onnxruntime agree on the material in `folder`.
 fn agree(folder: &Path, count: usize) {
     let material = load(folder);
-    let mut ort = OrtBackend::new(folder).unwrap_or_else(|e| panic!("{e}"));
+    let ort = OrtBackend::new(folder).unwrap_or_else(|e| panic!("{e}"));
     let queries = Queries::new(&material, count, 1);
-    let (found, expected) = (queries.ask(&mut ort), queries.ask(&mut native(&material)));
+    let (found, expected) = (queries.ask(&ort), queries.ask(&native(&material)));
     let what = format!(
         "onnxruntime against {} in {}",
         Tier::best().name(),
         folder.display()
     );
     assert_agree(&what, &material, &queries, &found, &expected);
+}
+
+/// The largest |a − b| / max(1, |b|) of each of [`ERROR_SHARES`] of the queries in these columns.
+fn error_quantiles(answers: &[Vec<f32>], truth: &[Vec<f32>], [first, end]: [usize; 2]) -> [f64; 4] {
+    let error = |i: usize| {
+        let of_column = |c: usize| {
+            let (a, b) = (f64::from(answers[c][i]), f64::from(truth[c][i]));
+            (a - b).abs() / b.abs().max(1.0)
+        };
+        (first..end).map(of_column).fold(0.0, f64::max)
+    };
+    let mut errors: Vec<f64> = (0..answers[0].len()).map(error).collect();
+    errors.sort_by(f64::total_cmp);
+    ERROR_SHARES.map(|share| errors[((errors.len() - 1) as f64 * share) as usize])
 }
 
 /// [`VECTORS`] queries whose answers rounding does not move by more than half of what Python tolerates.

@@ -6,6 +6,7 @@ use bake_scenes::metrics::{relmse, tile_differences};
 use bake_scenes::{Estimator, Image, Method, RenderSettings, Scene, load_scene, render};
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Side of the compared tiles, pixels.
 const TILE: usize = 32;
@@ -38,8 +39,8 @@ impl Vase {
             sample_offset: 0,
             seed,
         };
-        let backend = |_: &str| -> bake_runtime::Result<Box<dyn Backend>> {
-            Ok(Box::new(NativeBackend::new(&self.material, Tier::best())?))
+        let backend = |_: &str| -> bake_runtime::Result<Arc<dyn Backend>> {
+            Ok(Arc::new(NativeBackend::new(&self.material, Tier::best())?))
         };
         render(
             &self.scene,

@@ -41,4 +41,4 @@ pub use image::Image;
 pub use material_file::load_material;
 pub use scene::{Scene, Surface};
 pub use scene_file::load_scene;
-pub use tracer::{BackendFactory, Estimator, Method, RenderSettings, render};
+pub use tracer::{Backends, Estimator, Method, RenderSettings, render};

@@ -5,8 +5,9 @@ use crate::arguments::CheckOptions;
 use crate::progress::Stages;
 use crate::{backends, output};
 use anyhow::{Context, Result};
-use bake_runtime::BakedMaterial;
 use bake_runtime::native::Tier;
+use bake_runtime::onnxruntime::OrtBackend;
+use bake_runtime::{Backend, BakedMaterial, Points};
 use bake_train::card::heldout::{PER_STRATUM, STRATA};
 use bake_train::card::{self, Bias, Card, PlaceErrors, Runners, Size, StratumErrors, TrainingCost};
 use bake_train::presets::Preset;
@@ -91,39 +92,37 @@ pub fn measure(
     every: usize,
     stages: &Stages,
 ) -> Result<Card> {
-    let native = || backends::native(material);
-    let ort = || backends::ort(folder);
     let mut nulls = BTreeMap::new();
     let mut say = |keys: &[&str], reason: &str| {
         nulls.extend(keys.iter().map(|key| (key.to_string(), reason.to_string())));
     };
-    let has_ort = match ort() {
-        Ok(_) => true,
+    let native = backends::native(material)?;
+    let ort = match OrtBackend::new(folder) {
+        Ok(ort) => Some(ort),
         Err(error) => {
             output::warn(&format!(
                 "parity with onnxruntime and ort_sample_ns stay null: {error}"
             ));
             say(&ORT_KEYS, &error.to_string());
-            false
+            None
         }
     };
     let charts = material.sample.spec.charts().map_or(0, |c| c.anchors.len());
     if charts < 2 {
         say(&MIXTURE_KEYS, "there is one chart, and nothing to mix");
     }
-    say(
-        &["cost.percent_of_fma_peak"],
-        "the machine's peak is not measured by this version",
-    );
     if provenance.training.is_none() {
         say(&["training"], "there was no card that recorded it");
     }
-    let mixture = || backends::mixture(material);
+    let mixture = |points: Points, u: [&[f32]; 2], wi: [&mut [f32]; 3], jacobian: &mut [f32]| {
+        let inversions = native.sample_mixture(points, u, wi, jacobian)?;
+        Ok(inversions.unconverged as usize)
+    };
     let runners = Runners {
-        tier: Tier::best().name(),
+        tier: Tier::chosen()?.name(),
         native: &native,
-        ort: has_ort.then_some(&ort),
-        mixture: (charts > 1).then_some(&mixture),
+        ort: ort.as_ref().map(|ort| -> &dyn Backend { ort }),
+        mixture: (charts > 1).then_some(&mixture as &card::Mixture),
     };
     let (errors, parity, cost) = card::check(material, &runners, every, &|done, total| {
         stages.report("checking held-out places", done, total)
@@ -181,6 +180,11 @@ pub fn print(card: &Card, old: Option<&Card>) {
         more("exact mixture", c.sample_mixture_ns),
         more("onnxruntime, learned", c.ort_sample_ns),
     ));
+    if let Some(percent) = c.percent_of_fma_peak {
+        output::line(&format!(
+            "the layers of `learned` run at {percent:.0} % of the multiply-add peak, encodings and heads beside them"
+        ));
+    }
     let p = &card.parity;
     output::line(&format!(
         "largest difference: native to f64 {:.1e}{}",

@@ -172,7 +172,7 @@ pub fn pass(
     Ok(bake_scenes::render(
         scene,
         &settings,
-        &|name| backends.make(name),
+        &|name| backends.get(name),
         &tick,
     )?)
 }

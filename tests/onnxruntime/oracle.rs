@@ -82,8 +82,8 @@ fn random_specifications_leave_nothing_out() {
 
 fn agrees_with_the_oracle(material: &BakedMaterial, seed: u64, what: &str) {
     let folder = crate::exported(material);
-    let mut ort = OrtBackend::new(folder.path()).unwrap_or_else(|e| panic!("{what}: {e}"));
+    let ort = OrtBackend::new(folder.path()).unwrap_or_else(|e| panic!("{what}: {e}"));
     let queries = Queries::new(material, QUERIES, seed);
-    let (found, expected) = (queries.ask(&mut ort), queries.ask_oracle(material));
+    let (found, expected) = (queries.ask(&ort), queries.ask_oracle(material));
     assert_agree(what, material, &queries, &found, &expected);
 }

@@ -45,7 +45,7 @@ impl Layer {
         Layer {
             weights: weights.into(),
             bias,
-            live: vec![0..inputs],
+            live: std::iter::once(0..inputs).collect(),
             inputs,
             outputs,
         }

@@ -10,7 +10,6 @@ use crate::native::{NativeBackend, Tier};
 use crate::random::Rng;
 use crate::real::{Real, Vec3};
 use std::path::Path;
-use std::sync::Mutex;
 
 /// Shifts of the point set behind an albedo, whose spread is its error.
 const REPLICATES: u64 = 16;
@@ -24,20 +23,17 @@ const U_LARGEST: f32 = 1.0 - f32::EPSILON / 2.0;
 /// A baked material with as many backends as threads have asked at once.
 pub struct Baked {
     material: BakedMaterial,
-    idle: Mutex<Vec<NativeBackend>>,
+    backend: NativeBackend,
 }
 
 impl Baked {
-    /// Takes the networks; the native backend runs them at the machine's best tier.
+    /// Takes the networks; the native backend runs them at the tier that the environment chooses ([`Tier::chosen`]).
     ///
     /// # Errors
     /// What the backend says of networks that it cannot run.
     pub fn new(material: BakedMaterial) -> Result<Baked> {
-        let first = NativeBackend::new(&material, Tier::best())?;
-        Ok(Baked {
-            material,
-            idle: Mutex::new(vec![first]),
-        })
+        let backend = NativeBackend::new(&material, Tier::chosen()?)?;
+        Ok(Baked { material, backend })
     }
 
     /// Answers as [`super::Subject::answer`] does: `f_cos` of the evaluation network, the density of the pdf network,
@@ -45,15 +41,8 @@ impl Baked {
     pub(super) fn answer(&self, row: &Row, seed: u64) -> Result<Answer> {
         let own = &self.material.sample.spec.material;
         let params = free_values(own, &own.narrowed(row.params.clone(), Path::new(""))?)?;
-        let waiting = self.idle.lock().unwrap_or_else(|e| e.into_inner()).pop();
-        let mut backend = match waiting {
-            Some(backend) => backend,
-            None => NativeBackend::new(&self.material, Tier::best())?,
-        };
         let params: Vec<&[f32]> = params.iter().map(std::slice::from_ref).collect();
-        let answer = ask(&mut backend, &params, row, seed);
-        self.idle.lock().unwrap_or_else(|e| e.into_inner()).push(backend);
-        answer
+        ask(&self.backend, &params, row, seed)
     }
 }
 
@@ -86,7 +75,7 @@ fn narrow(u: [Real; 2]) -> [f32; 2] {
     u.map(|v| (v as f32).min(U_LARGEST))
 }
 
-fn ask(backend: &mut dyn Backend, params: &[&[f32]], row: &Row, seed: u64) -> Result<Answer> {
+fn ask(backend: &dyn Backend, params: &[&[f32]], row: &Row, seed: u64) -> Result<Answer> {
     let wo = column(row.wo);
     let points = Points {
         params,
@@ -135,7 +124,7 @@ fn ask(backend: &mut dyn Backend, params: &[&[f32]], row: &Row, seed: u64) -> Re
 }
 
 /// The mean learned weight over an R2 sequence under random shifts.
-fn albedo(backend: &mut dyn Backend, params: &[&[f32]], row: &Row, seed: u64) -> Result<Answer> {
+fn albedo(backend: &dyn Backend, params: &[&[f32]], row: &Row, seed: u64) -> Result<Answer> {
     let each = row.samples.unwrap_or(DEFAULT_SAMPLES).div_ceil(REPLICATES) as usize;
     let wo = row.wo.to_array().map(|v| vec![v as f32; each]);
     let (mut x, mut y) = (vec![0.0; each], vec![0.0; each]);

@@ -5,6 +5,7 @@ use super::shader::{Batch, Scattered, Shader};
 use crate::error::Result;
 use bake_runtime::estimator::{exact_f_cos, exact_weight};
 use bake_runtime::{Backend, Points, Reference};
+use std::sync::Arc;
 
 /// Where the weight of a baked sample comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +35,7 @@ impl Estimator {
 /// A baked material; the pdf network gives the densities of both techniques' weights.
 pub struct BakedShader {
     /// Runs the networks.
-    pub backend: Box<dyn Backend>,
+    pub backend: Arc<dyn Backend>,
     /// The model that the networks were baked from.
     pub reference: Reference,
     /// Where weights come from.
@@ -44,7 +45,7 @@ pub struct BakedShader {
 
 impl BakedShader {
     /// Binds the three.
-    pub fn new(backend: Box<dyn Backend>, reference: Reference, estimator: Estimator) -> BakedShader {
+    pub fn new(backend: Arc<dyn Backend>, reference: Reference, estimator: Estimator) -> BakedShader {
         BakedShader {
             backend,
             reference,

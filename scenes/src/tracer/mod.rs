@@ -20,8 +20,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 use shader::{DiffuseShader, Proposal, ReferenceShader, Shader};
 use std::ops::ControlFlow;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use wavefront::{Outcome, PixelSample, Wavefront};
 
 /// Side of the squares of pixels that threads take in turn.
@@ -81,9 +81,8 @@ pub struct RenderSettings {
     pub seed: u64,
 }
 
-/// Makes the backend of the baked material with the given name; called once per thread and material, and
-/// only by [`Method::Baked`].
-pub type BackendFactory<'a> = dyn Fn(&str) -> bake_runtime::Result<Box<dyn Backend>> + Sync + 'a;
+/// Finds the backend of the baked material with the given name, which threads share; called only by [`Method::Baked`].
+pub type Backends<'a> = dyn Fn(&str) -> bake_runtime::Result<Arc<dyn Backend>> + Sync + 'a;
 
 /// Renders one pass of `scene` on the threads of the current rayon pool.
 ///
@@ -94,7 +93,7 @@ pub type BackendFactory<'a> = dyn Fn(&str) -> bake_runtime::Result<Box<dyn Backe
 pub fn render(
     scene: &Scene,
     settings: &RenderSettings,
-    backends: &BackendFactory,
+    backends: &Backends,
     tick: &(dyn Fn(u64, u64) -> ControlFlow<()> + Sync),
 ) -> Result<Image> {
     let tiles: Vec<Tile> = (0..scene.height.div_ceil(TILE_SIDE) * scene.width.div_ceil(TILE_SIDE))
@@ -135,7 +134,7 @@ pub fn render(
 fn new_wavefront<'a>(
     scene: &'a Scene,
     settings: &RenderSettings,
-    backends: &BackendFactory,
+    backends: &Backends,
 ) -> Result<Wavefront<'a>> {
     let (mut shaders, mut albedos) = (Vec::<Box<dyn Shader>>::new(), Vec::new());
     for surface in &scene.surfaces {

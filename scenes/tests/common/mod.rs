@@ -8,6 +8,7 @@ use bake_scenes::{Camera, Environment, Geometry, Image, Method, RenderSettings, 
 use glam::{DVec3, Vec2, Vec3};
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 /// A conductor whose every parameter is fixed.
 pub fn conductor(alpha: [f64; 2], reflectance: [f64; 3]) -> Material {
@@ -65,14 +66,14 @@ pub fn settings(method: Method, spp: u64) -> RenderSettings {
 /// Renders with [`CosineBackend`] for baked materials, and checks that every contribution was finite.
 pub fn render(scene: &Scene, settings: &RenderSettings) -> Image {
     let material = scene.materials().next().cloned();
-    let backend = move |name: &str| -> Result<Box<dyn Backend>> {
+    let backend = move |name: &str| -> Result<Arc<dyn Backend>> {
         let material = material
             .as_ref()
             .filter(|m| m.name == name)
             .expect("a material of the scene");
         let reference = material.reference()?;
         let conductor = reference.as_conductor().expect("the tests bake conductors");
-        Ok(Box::new(CosineBackend(conductor.clone())))
+        Ok(Arc::new(CosineBackend(conductor.clone())))
     };
     let image =
         bake_scenes::render(scene, settings, &backend, &|_, _| ControlFlow::Continue(())).expect("renders");

@@ -130,7 +130,7 @@ fn refuse_strangers(model: &Model, paper: &Model) -> Result<()> {
 fn baked(model: &Model) -> Maker<'_> {
     Box::new(|place, _| {
         Ok(Box::new(BakedSlice::new(
-            backends::native(&model.networks)?,
+            Box::new(backends::native(&model.networks)?),
             place,
         )))
     })

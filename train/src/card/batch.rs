@@ -81,7 +81,7 @@ impl Buffers {
     }
 
     /// Fills `wi` and `scalar` by the exact mixture of charts; how many queries did not converge.
-    pub fn sample_mixture(&mut self, mixture: &mut Mixture) -> bake_runtime::Result<usize> {
+    pub fn sample_mixture(&mut self, mixture: &Mixture) -> bake_runtime::Result<usize> {
         let params = columns(&self.params);
         let points = points(&params, &self.wo);
         let [x, y, z] = &mut self.wi;

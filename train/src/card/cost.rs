@@ -5,10 +5,12 @@
 
 use super::Runners;
 use super::batch::{BATCH, columns, points, views};
+use crate::bench::peak::Peak;
 use crate::error::Result;
 use crate::places::value_at;
 use bake_runtime::bsdf::direction;
 use bake_runtime::estimator::exact_weight;
+use bake_runtime::native::Tier;
 use bake_runtime::{Bsdf, Material, Rng};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -51,15 +53,17 @@ pub struct Cost {
     pub reference_eval_ns: f64,
     /// onnxruntime, learned estimator.
     pub ort_sample_ns: Option<f64>,
-    /// Share of the core's multiply-add peak.
+    /// Share of the tier's multiply-add peak, measured in the same rounds, that the layers of the learned estimator's networks
+    /// take.
     pub percent_of_fma_peak: Option<f64>,
 }
 
-/// Measures the cost of every query on this thread.
+/// Measures the cost of every query on this thread; `macs` are the multiply-adds of the learned estimator.
 ///
 /// # Errors
 /// Whatever a backend reports.
-pub(super) fn cost(material: &Material, runners: &Runners) -> Result<Cost> {
+pub(super) fn cost(material: &Material, macs: usize, runners: &Runners) -> Result<Cost> {
+    let tier = Tier::named(runners.tier).ok();
     let mut rng = Rng::new(&[KEY]);
     let directions: Vec<DVec3> = (0..BATCH)
         .map(|_| direction(THETA_MAX_DEG * rng.uniform(), 360.0 * rng.uniform()))
@@ -72,11 +76,13 @@ pub(super) fn cost(material: &Material, runners: &Runners) -> Result<Cost> {
     let mut scalar = vec![0.0f32; BATCH];
 
     let free = material.free();
-    let native = (runners.native)()?;
-    let mut ort = runners.ort.map(|make| make()).transpose()?;
-    let mut mixture = runners.mixture.map(|make| make()).transpose()?;
+    let native = runners.native;
     let mut laps = Laps::default();
+    let mut peaks = Vec::new();
     for _ in 0..ROUNDS {
+        if let Some(tier) = tier {
+            peaks.push(Peak::measure(tier)?.gflops);
+        }
         let values = free
             .iter()
             .map(|(label, min, max)| value_at(label, *min, *max, rng.uniform()));
@@ -125,7 +131,7 @@ pub(super) fn cost(material: &Material, runners: &Runners) -> Result<Cost> {
             }
             Ok(())
         })?;
-        if let Some(ort) = &mut ort {
+        if let Some(ort) = runners.ort {
             laps.time(7, || {
                 ort.sample_learned(
                     points,
@@ -135,12 +141,15 @@ pub(super) fn cost(material: &Material, runners: &Runners) -> Result<Cost> {
                 )
             })?;
         }
-        if let Some(mixture) = &mut mixture {
+        if let Some(mixture) = runners.mixture {
             laps.time(8, || {
                 mixture(points, u, [&mut *x, &mut *y, &mut *z], &mut scalar).map(|_| ())
             })?;
         }
     }
+    peaks.sort_by(f64::total_cmp);
+    let gflops = laps.median_ns(0).map(|ns| 2.0 * macs as f64 / ns);
+    let peak = peaks.get(peaks.len() / 2);
     let ns = |k: usize| laps.median_ns(k).unwrap_or(f64::NAN);
     Ok(Cost {
         threads: 1,
@@ -155,7 +164,7 @@ pub(super) fn cost(material: &Material, runners: &Runners) -> Result<Cost> {
         reference_eval_ns: ns(5),
         exact_total_ns: ns(6),
         ort_sample_ns: laps.median_ns(7),
-        percent_of_fma_peak: None,
+        percent_of_fma_peak: peak.zip(gflops).map(|(peak, gflops)| 100.0 * gflops / peak),
     })
 }
 
@@ -186,22 +195,17 @@ impl Laps {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::card::Mixture;
     use crate::card::fake::{Damage, Fake, vase};
-    use bake_runtime::Backend;
+    use bake_runtime::{Backend, Points};
     use serde_json::Value;
 
     #[test]
     fn every_key_is_a_number_or_null_where_nothing_runs() {
         let material = vase();
-        let fake =
-            || -> bake_runtime::Result<Box<dyn Backend>> { Ok(Box::new(Fake::new(&material, Damage::None))) };
-        let mixture = || -> bake_runtime::Result<Mixture> {
-            let fake = Fake::new(&material, Damage::None);
-            Ok(Box::new(move |points, u, wi, jacobian| {
-                fake.sample_jacobian(points, u, wi, jacobian)?;
-                Ok(0)
-            }))
+        let fake = Fake::new(&material, Damage::None);
+        let mixture = |points: Points, u: [&[f32]; 2], wi: [&mut [f32]; 3], jacobian: &mut [f32]| {
+            fake.sample_jacobian(points, u, wi, jacobian)?;
+            Ok(0)
         };
         let alone = Runners {
             tier: "none",
@@ -214,15 +218,23 @@ mod tests {
             mixture: Some(&mixture),
             ..alone
         };
+        let on_a_tier = Runners {
+            tier: "portable",
+            ..with_others
+        };
         for (runners, nulls) in [
             (
                 alone,
                 &["ort_sample_ns", "percent_of_fma_peak", "sample_mixture_ns"][..],
             ),
             (with_others, &["percent_of_fma_peak"]),
+            (on_a_tier, &[]),
         ] {
-            let found = cost(&material, &runners).expect("it runs");
-            assert_eq!((found.threads, found.batch, &found.tier[..]), (1, BATCH, "none"));
+            let found = cost(&material, 1000, &runners).expect("it runs");
+            assert_eq!(
+                (found.threads, found.batch, &found.tier[..]),
+                (1, BATCH, runners.tier)
+            );
             let Ok(Value::Object(keys)) = serde_json::to_value(&found) else {
                 panic!("no object: {found:?}");
             };
@@ -241,7 +253,7 @@ mod tests {
             }
             null.sort_unstable();
             assert_eq!(null, nulls);
-            assert_eq!(timed, 10 - nulls.len());
+            assert_eq!(timed, 9 - nulls.iter().filter(|key| key.ends_with("_ns")).count());
         }
     }
 }

@@ -43,7 +43,7 @@ pub enum Damage {
 pub struct Fake {
     material: Material,
     damage: Damage,
-    slice: Mutex<Option<Arc<FakeSlice>>>,
+    slices: Mutex<Vec<Arc<FakeSlice>>>,
 }
 
 /// The charts of one slice with the maps onto its lobes.
@@ -142,21 +142,21 @@ impl Fake {
         Fake {
             material: material.clone(),
             damage,
-            slice: Mutex::new(None),
+            slices: Mutex::new(Vec::new()),
         }
     }
 
-    /// The slice that `points` ask for, made anew where the last ones asked for another.
+    /// The slice that `points` ask for, made when they first do.
     fn slice(&self, points: &Points) -> Result<Arc<FakeSlice>> {
         points.check(self.material.free().len())?;
         let params: Vec<f32> = points.params.iter().map(|column| column[0]).collect();
         let wo = points.wo.map(|column| column[0]);
-        let mut kept = self.slice.lock().expect("no thread panicked in here");
-        match &*kept {
-            Some(slice) if slice.params == params && slice.wo == wo => Ok(slice.clone()),
-            _ => {
+        let mut made = self.slices.lock().expect("no thread panicked in here");
+        match made.iter().find(|slice| slice.params == params && slice.wo == wo) {
+            Some(slice) => Ok(slice.clone()),
+            None => {
                 let slice = Arc::new(FakeSlice::new(&self.material, params, wo)?);
-                *kept = Some(slice.clone());
+                made.push(slice.clone());
                 Ok(slice)
             }
         }

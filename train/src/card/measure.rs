@@ -96,14 +96,12 @@ pub(super) fn measure(
     key: u64,
 ) -> Result<Measured> {
     let truth = Truth::new(reference, place.wo)?;
-    let mut backend = (runners.native)()?;
-    let backend = backend.as_mut();
-    let mut mixture = runners.mixture.map(|make| make()).transpose()?;
+    let backend = runners.native;
     let mut buffers = Buffers::new(place);
     let learned = weights::learned(&truth, samples, backend, &mut buffers)?;
     let exact = weights::exact(reference, &truth, samples, backend, &mut buffers, key)?;
-    let mixed = mixture
-        .as_mut()
+    let mixed = runners
+        .mixture
         .map(|m| weights::mixed(reference, &truth, samples, m, &mut buffers, key))
         .transpose()?;
     let densities = densities(&truth, samples, backend, &mut buffers)?;

@@ -36,17 +36,11 @@ use std::collections::BTreeMap;
 /// Version of the card.
 pub const FORMAT: u32 = 1;
 
-/// Makes a backend; every worker thread gets its own.
-pub type BackendFactory<'a> = &'a (dyn Fn() -> bake_runtime::Result<Box<dyn Backend>> + Sync);
-
 /// Draws from two charts and weighs by their exact mixture: as [`Backend::sample_jacobian`] (points, u, wi, jacobian), but
 /// the shares of the charts are those of densities that come from inverting the maps; says of how many queries the
 /// inversion did not converge.
 pub type Mixture<'a> =
-    Box<dyn FnMut(Points, [&[f32]; 2], [&mut [f32]; 3], &mut [f32]) -> bake_runtime::Result<usize> + 'a>;
-
-/// Makes a [`Mixture`]; every worker thread gets its own.
-pub type MixtureFactory<'a> = &'a (dyn Fn() -> bake_runtime::Result<Mixture<'a>> + Sync);
+    dyn Fn(Points, [&[f32]; 2], [&mut [f32]; 3], &mut [f32]) -> bake_runtime::Result<usize> + Sync + 'a;
 
 /// The ways to run a baked material that its card measures.
 #[derive(Clone, Copy)]
@@ -54,11 +48,11 @@ pub struct Runners<'a> {
     /// Name of the SIMD tier of `native`.
     pub tier: &'a str,
     /// Our own kernels.
-    pub native: BackendFactory<'a>,
+    pub native: &'a dyn Backend,
     /// onnxruntime, where it is there.
-    pub ort: Option<BackendFactory<'a>>,
+    pub ort: Option<&'a dyn Backend>,
     /// The exact mixture of two charts; without it, what is said of the mixture stays null.
-    pub mixture: Option<MixtureFactory<'a>>,
+    pub mixture: Option<&'a Mixture<'a>>,
 }
 
 /// Size of one network.
@@ -132,6 +126,10 @@ pub fn check(
     Ok((
         errors,
         parity::parity(material, runners)?,
-        cost::cost(&material.sample.spec.material, runners)?,
+        cost::cost(
+            &material.sample.spec.material,
+            material.sample.spec.macs(),
+            runners,
+        )?,
     ))
 }

@@ -159,8 +159,8 @@ pub(super) fn parity(material: &BakedMaterial, runners: &Runners) -> Result<Pari
         .map(|i| q.truth(material, i))
         .collect();
     let exact = |c: usize, i: usize| truth[i].map_or(f64::NAN, |answer| answer[c]);
-    let native = q.run((runners.native)()?.as_mut())?;
-    let ort = runners.ort.map(|make| q.run(make()?.as_mut())).transpose()?;
+    let native = q.run(runners.native)?;
+    let ort = runners.ort.map(|ort| q.run(ort)).transpose()?;
     Ok(Parity {
         ort_vs_native_max: ort
             .as_ref()

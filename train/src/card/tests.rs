@@ -1,14 +1,14 @@
 //! The measures on a backend whose errors are known: perfect but for its cells, and damaged in known ways.
 
+use super::Runners;
 use super::fake::{Damage, Fake};
 use super::heldout::HeldOut;
 use super::judgement::Bias;
 use super::measure::{Samples, errors, measure};
 use super::summary::Measured;
-use super::{Mixture, Runners};
 use bake_runtime::bsdf::direction;
 use bake_runtime::field::Fields;
-use bake_runtime::{Backend, Material};
+use bake_runtime::{Backend, Material, Points};
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -52,13 +52,10 @@ fn lacquer() -> Material {
 }
 
 fn measured(material: &Material, theta: f64, damage: Damage) -> Measured {
-    let native = || -> bake_runtime::Result<Box<dyn Backend>> { Ok(Box::new(Fake::new(material, damage))) };
-    let mixture = || -> bake_runtime::Result<Mixture> {
-        let fake = Fake::new(material, damage);
-        Ok(Box::new(move |points, u, wi, jacobian| {
-            fake.sample_jacobian(points, u, wi, jacobian)?;
-            Ok(points.len() / 4)
-        }))
+    let native = Fake::new(material, damage);
+    let mixture = |points: Points, u: [&[f32]; 2], wi: [&mut [f32]; 3], jacobian: &mut [f32]| {
+        native.sample_jacobian(points, u, wi, jacobian)?;
+        Ok(points.len() / 4)
     };
     let runners = Runners {
         tier: "none",
@@ -204,8 +201,7 @@ fn known_damage_is_told_by_its_number() {
 fn strata_hold_places_of_the_domain() {
     let free =
         material(r#"{"family":"principled","roughness":{"min":0.3,"max":0.8},"base_color":[0.8,0.4,0.1]}"#);
-    let native =
-        || -> bake_runtime::Result<Box<dyn Backend>> { Ok(Box::new(Fake::new(&free, Damage::None))) };
+    let native = Fake::new(&free, Damage::None);
     let runners = Runners {
         tier: "none",
         native: &native,

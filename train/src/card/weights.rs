@@ -194,7 +194,7 @@ pub(super) fn mixed(
     reference: &Reference,
     truth: &Truth,
     samples: &Samples,
-    mixture: &mut Mixture,
+    mixture: &Mixture,
     buffers: &mut Buffers,
     key: u64,
 ) -> Result<Mixed> {

@@ -155,7 +155,7 @@ pub fn train_pdf(
     let places = Arc::new(set.place_features(spec));
     let sampler_places = set.place_features(sampler_spec);
     let shape = super::trainer::shape(&sampler.layers, sampler_spec.activation)?;
-    let mut kernel = Fused::new(Tier::best(), shape, 3)?;
+    let mut kernel = Fused::new(Tier::chosen()?, shape, 3)?;
     let locals = spec
         .inputs
         .iter()

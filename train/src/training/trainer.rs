@@ -82,7 +82,7 @@ impl Trainer {
         } = self;
         let kernel = |columns: usize| -> Result<Arc<Mutex<Fused>>> {
             Ok(Arc::new(Mutex::new(Fused::new(
-                Tier::best(),
+                Tier::chosen()?,
                 shape.clone(),
                 columns,
             )?)))

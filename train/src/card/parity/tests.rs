@@ -57,7 +57,7 @@ fn lacquer() -> Material {
 
 /// Answers as `own` does, but for something that is added to one number in the batch.
 struct Spoilt {
-    own: Box<dyn Backend>,
+    own: NativeBackend,
     column: Option<usize>,
     by: f32,
 }
@@ -118,16 +118,15 @@ impl Backend for Spoilt {
 
 /// Our kernels, and in place of onnxruntime the same with `by` added to one number of `column`.
 fn compared(material: &BakedMaterial, column: Option<usize>, by: f32) -> Parity {
-    let native = || -> bake_runtime::Result<Box<dyn Backend>> {
-        Ok(Box::new(NativeBackend::new(material, Tier::best())?))
-    };
-    let spoilt = || -> bake_runtime::Result<Box<dyn Backend>> {
-        let own = native()?;
-        Ok(Box::new(Spoilt { own, column, by }))
+    let native = || NativeBackend::new(material, Tier::best()).expect("sound networks");
+    let spoilt = Spoilt {
+        own: native(),
+        column,
+        by,
     };
     let runners = Runners {
         tier: "none",
-        native: &native,
+        native: &native(),
         ort: Some(&spoilt),
         mixture: None,
     };
@@ -165,9 +164,7 @@ fn one_wrong_number_anywhere_is_told_by_its_size() {
 #[test]
 fn without_a_second_runner_its_differences_are_null() {
     let material = metal();
-    let native = || -> bake_runtime::Result<Box<dyn Backend>> {
-        Ok(Box::new(NativeBackend::new(&material, Tier::best())?))
-    };
+    let native = NativeBackend::new(&material, Tier::best()).expect("sound networks");
     let runners = Runners {
         tier: "none",
         native: &native,
