@@ -6,7 +6,7 @@ use bake_runtime::anchor::Anchor;
 use bake_runtime::encoding::{Encoding, Quantity};
 use bake_runtime::spec::{Activation, ChartsSpec, FORMAT, Geometry, Input, Roughness, Symmetry};
 use bake_runtime::{BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Rng, Role};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Width of input and output of the layers that are measured alone.
 const ENDS: [usize; 2] = [32, 5];
@@ -70,7 +70,7 @@ fn layers([depth, width]: [usize; 2]) -> Subject {
     }
 }
 
-fn baked(folder: &PathBuf) -> Result<Subject> {
+fn baked(folder: &Path) -> Result<Subject> {
     let material = BakedMaterial::load(folder)?;
     let card = read_card(&folder.join(CARD_FILE))?;
     let spec = &material.sample.spec;
