@@ -102,15 +102,16 @@ impl Scale {
         factor * (self.transform(x) - offset)
     }
 
-    /// Whether its range is one: finite, its ends apart and where t is defined.
+    /// Whether its range is one: where t is defined, and its ends so far apart that single precision can carry them onto
+    /// `[0, 1]`.
     pub fn is_sound(self) -> bool {
-        match self {
-            Scale::None => true,
-            Scale::Linear([min, max]) | Scale::Decay([min, max]) => {
-                min.is_finite() && max.is_finite() && min < max
-            }
-            Scale::Sqrt([min, max]) => min >= 0.0 && max.is_finite() && min < max,
-        }
+        let defined = match self {
+            Scale::None | Scale::Linear(_) | Scale::Decay(_) => true,
+            Scale::Sqrt([min, _]) => min >= 0.0,
+        };
+        let (offset, factor) = self.affine();
+        let is_single = |x: f64| (x as f32).is_finite();
+        defined && factor > 0.0 && is_single(offset) && is_single(factor)
     }
 }
 
@@ -285,6 +286,18 @@ mod tests {
         }
         assert_eq!(Scale::None.apply(0.3), 0.3);
         assert!(!Scale::Linear([1.0, 1.0]).is_sound() && !Scale::Sqrt([-1.0, 1.0]).is_sound());
-        assert!(!Scale::Linear([f64::NAN, 1.0]).is_sound());
+        for range in [
+            [f64::NAN, 1.0],
+            [0.0, f64::INFINITY],
+            [-1e308, 1e308],
+            [1e39, 2e39],
+            [0.0, 1e-39],
+        ] {
+            assert!(!Scale::Linear(range).is_sound(), "{range:?}");
+        }
+        // The first is 1 to the last bit, the second −∞.
+        for range in [[800.0, 900.0], [-800.0, 0.0]] {
+            assert!(!Scale::Decay(range).is_sound(), "{range:?}");
+        }
     }
 }

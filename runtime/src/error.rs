@@ -99,7 +99,7 @@ impl Error {
     pub fn network(path: impl Into<PathBuf>, reason: impl Into<String>) -> Self {
         Error::Network {
             path: path.into(),
-            reason: reason.into(),
+            reason: on_one_line(reason.into()),
         }
     }
 
@@ -107,8 +107,16 @@ impl Error {
     pub fn import(path: impl Into<PathBuf>, reason: impl Into<String>) -> Self {
         Error::Import {
             path: path.into(),
-            reason: reason.into(),
+            reason: on_one_line(reason.into()),
         }
+    }
+}
+
+/// `reason` as it is, or escaped: what it quotes from a file may break lines, or be what a terminal takes for commands.
+fn on_one_line(reason: String) -> String {
+    match reason.contains(char::is_control) {
+        true => reason.escape_debug().to_string(),
+        false => reason,
     }
 }
 

@@ -116,7 +116,7 @@ impl<'de> Visitor<'de> for FieldVisitor {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Field, A::Error> {
-        let mut items = Vec::with_capacity(list.size_hint().unwrap_or(4).min(16));
+        let mut items = Vec::new();
         while let Some(item) = list.next_element()? {
             items.push(item);
         }

@@ -6,6 +6,7 @@
 #![deny(unsafe_code)]
 
 pub mod anchor;
+mod archive;
 pub mod backend;
 pub mod batch;
 mod binding;

@@ -93,13 +93,13 @@ impl Input {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Roughness {
-    /// The material fixes it.
+    /// The material fixes it; [`Roughness::MIN`] to [`Roughness::MAX`].
     Fixed(f64),
     /// max([`Roughness::MIN`], factor·pᵖᵒʷᵉʳ) of the free parameter of this number; `power` is 1 or 2.
     Free {
         /// Number of the free parameter.
         parameter: usize,
-        /// What its power is multiplied by.
+        /// What its power is multiplied by; > 0, at most [`Roughness::MAX`].
         factor: f64,
         /// 1 or 2.
         power: u8,
@@ -109,6 +109,9 @@ pub enum Roughness {
 impl Roughness {
     /// Smallest roughness that a start has.
     pub const MIN: f64 = 1e-4;
+
+    /// Largest fixed roughness and largest factor: anisotropy stretches a principled roughness of 1 to 3.2.
+    pub const MAX: f64 = 10.0;
 
     /// Its value where the free parameters are `params`.
     pub fn at(self, params: &[f64]) -> f64 {

@@ -1,14 +1,15 @@
 //! Reading the file of an [`ImportedTable`], with every check.
 //!
-//! Reasons are texts, for the caller to name the file. Sizes are those that safetensors has compared with the
-//! length of the file, so that no header can ask for more memory than that.
+//! Reasons are texts, for the caller to name the file. Sizes are those that [`Archive`] has compared with the length of
+//! the file, so that no header can ask for more memory than that.
 
 use super::disk::DiskGrid;
 use super::grid::{Axis, TURN, order};
 use super::table::ImportedTable;
+use crate::archive::Archive;
 use crate::real::Real;
-use safetensors::tensor::{Dtype, SafeTensors};
-use std::collections::HashMap;
+use safetensors::tensor::Dtype;
+use std::collections::HashSet;
 
 /// The format version this program reads.
 pub const FORMAT: &str = "1";
@@ -40,12 +41,8 @@ impl<const RANK: usize> Tensor<'_, RANK> {
 /// # Errors
 /// What is wrong with it.
 pub(super) fn parse(bytes: &[u8]) -> Result<ImportedTable, String> {
-    let whole = |e| format!("it is not a whole safetensors file ({e})");
-    let file = SafeTensors::deserialize(bytes).map_err(whole)?;
-    let (_, header) = SafeTensors::read_metadata(bytes).map_err(whole)?;
-    let none = HashMap::new();
-    let metadata = header.metadata().as_ref().unwrap_or(&none);
-    check_version(metadata.get(FORMAT_KEY))?;
+    let file = Archive::open(bytes)?;
+    check_version(file.text(FORMAT_KEY))?;
     let params: Tensor<2> = tensor(&file, "params", "[N, P]")?;
     let wo: Tensor<2> = tensor(&file, "wo", "[N, 2]")?;
     let f_cos: Tensor<4> = tensor(&file, "f_cos", "[N, H, W, 3]")?;
@@ -66,7 +63,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<ImportedTable, String> {
     if rows != n {
         return Err(format!("tensor `params` has {rows} rows, but `f_cos` has {n}"));
     }
-    let param_names = param_names(metadata.get("param_names"), p)?;
+    let param_names = param_names(file.text("param_names"), p)?;
     let (axes, rows) = coordinates(&params, &wo)?;
     let names: Vec<&str> = param_names
         .iter()
@@ -78,15 +75,15 @@ pub(super) fn parse(bytes: &[u8]) -> Result<ImportedTable, String> {
     let disk = DiskGrid { height, width };
     Ok(ImportedTable {
         param_names,
-        description: metadata.get("description").cloned(),
+        description: file.text("description").map(str::to_string),
         axes,
         disk,
         f: read_f(&f_cos, disk, &order)?,
     })
 }
 
-fn check_version(version: Option<&String>) -> Result<(), String> {
-    match version.map(String::as_str) {
+fn check_version(version: Option<&str>) -> Result<(), String> {
+    match version {
         Some(FORMAT) => Ok(()),
         Some(other) => Err(format!(
             "its format version is {other:?}, but this program reads {FORMAT:?}"
@@ -99,28 +96,27 @@ fn check_version(version: Option<&String>) -> Result<(), String> {
 
 /// The tensor `name`; `layout` is its shape, for messages.
 fn tensor<'a, const RANK: usize>(
-    file: &SafeTensors<'a>,
+    file: &'a Archive,
     name: &str,
     layout: &str,
 ) -> Result<Tensor<'a, RANK>, String> {
-    let view = file
+    let tensor = file
         .tensor(name)
-        .map_err(|_| format!("tensor `{name}`, F32 {layout}, is missing"))?;
-    match <[usize; RANK]>::try_from(view.shape()) {
-        Ok(shape) if view.dtype() == Dtype::F32 => Ok(Tensor {
+        .ok_or_else(|| format!("tensor `{name}`, F32 {layout}, is missing"))?;
+    match <[usize; RANK]>::try_from(tensor.shape) {
+        Ok(shape) if tensor.dtype == Dtype::F32 => Ok(Tensor {
             shape,
-            numbers: view.data().as_chunks().0,
+            numbers: tensor.data.as_chunks().0,
         }),
         _ => Err(format!(
             "tensor `{name}` is {:?} {:?}, but must be F32 {layout}",
-            view.dtype(),
-            view.shape()
+            tensor.dtype, tensor.shape
         )),
     }
 }
 
 /// The names in `json`, or p0, p1, …; `count` of them.
-fn param_names(json: Option<&String>, count: usize) -> Result<Vec<String>, String> {
+fn param_names(json: Option<&str>, count: usize) -> Result<Vec<String>, String> {
     let Some(json) = json else {
         return Ok((0..count).map(|i| format!("p{i}")).collect());
     };
@@ -132,8 +128,9 @@ fn param_names(json: Option<&String>, count: usize) -> Result<Vec<String>, Strin
             names.len()
         ));
     }
+    let mut seen = HashSet::new();
     for (i, name) in names.iter().enumerate() {
-        if name.is_empty() || name.contains(char::is_control) || names[..i].contains(name) {
+        if name.is_empty() || name.contains(char::is_control) || !seen.insert(name) {
             return Err(format!(
                 "its metadata `param_names` has {name:?} at {i}, but names must be distinct, not empty, and of \
                  one line"

@@ -3,8 +3,9 @@
 use super::{CHARTS_MAX, Input, NetworkSpec, Role, Roughness};
 use crate::encoding::{Encoding, Quantity, Scale};
 
-/// Widest layer a file may declare; the presets stay below 256.
-const WIDTH_MAX: usize = 4096;
+/// Widest layer, or input of one, that a file may declare; the presets stay below 256. The native kernels hold the rows of
+/// two layers for a tile of queries, 256 bytes each: what they take beside the weights is a megabyte or two at most.
+const WIDTH_MAX: usize = 1024;
 /// Deepest network a file may declare.
 const DEPTH_MAX: usize = 64;
 /// Most inputs a file may declare: the widest preset has 8 parameters and 4 more.
@@ -33,6 +34,7 @@ impl NetworkSpec {
         for input in &self.inputs {
             self.check(input, free, false)?;
         }
+        features("network", &self.inputs)?;
         let Some(charts) = self.charts() else {
             return Ok(());
         };
@@ -40,6 +42,7 @@ impl NetworkSpec {
         for input in &charts.inputs {
             self.check(input, free, true)?;
         }
+        features("frame network", &charts.inputs)?;
         if !(1..=CHARTS_MAX).contains(&charts.anchors.len()) {
             return Err(format!(
                 "it has {} charts, expected 1..{CHARTS_MAX}",
@@ -48,12 +51,12 @@ impl NetworkSpec {
         }
         for alpha in charts.alpha {
             let sound = match alpha {
-                Roughness::Fixed(value) => value > 0.0 && value.is_finite(),
+                Roughness::Fixed(value) => (Roughness::MIN..=Roughness::MAX).contains(&value),
                 Roughness::Free {
                     parameter,
                     factor,
                     power,
-                } => parameter < free && factor > 0.0 && factor.is_finite() && (1..=2).contains(&power),
+                } => parameter < free && factor > 0.0 && factor <= Roughness::MAX && (1..=2).contains(&power),
             };
             if !sound {
                 return Err(format!("its charts cannot start from the roughness {alpha:?}"));
@@ -122,6 +125,16 @@ impl NetworkSpec {
             Quantity::WiDisk | Quantity::Local(_) | Quantity::Anchor | Quantity::Chart => true,
             Quantity::Parameter(i) => self.material.free().get(i).is_some_and(|(_, min, _)| *min < 0.0),
         }
+    }
+}
+
+/// Checks how many features the sound `inputs` of the network called `what` have.
+fn features(what: &str, inputs: &[Input]) -> Result<(), String> {
+    match inputs.iter().map(|input| input.features()).sum() {
+        0..=WIDTH_MAX => Ok(()),
+        n => Err(format!(
+            "the inputs of its {what} have {n} features, more than {WIDTH_MAX}"
+        )),
     }
 }
 

@@ -75,8 +75,8 @@ fn repeated_calls_give_the_same_bytes_and_both_estimators_the_same_direction() {
 #[test]
 fn directions_are_unit_and_above_the_horizon_and_everything_is_finite() {
     for (seed, kind, mut material) in materials() {
-        // The second time around with weights that saturate every clamp.
-        for scale in [1.0, 1e4] {
+        // The second time around with weights that saturate every clamp, then with those whose sums overflow.
+        for scale in [1.0, 1e4, 1e30] {
             for network in [&mut material.sample, &mut material.eval, &mut material.pdf] {
                 let layers = network.net.iter_mut().chain(&mut network.frame);
                 layers.for_each(|layer| layer.weight.iter_mut().for_each(|w| *w *= scale));
