@@ -1,17 +1,13 @@
-//! What loading takes of the memory: a small multiple of the file, whatever it says. One test, because the allocator
-//! counts for all threads.
+//! What loading takes of the memory: a small multiple of the file, whatever it says.
 
+use crate::peak;
 use bake_runtime::imported::{FORMAT, FORMAT_KEY, ImportedTable};
 use bake_runtime::native::{NativeBackend, Tier};
 use bake_runtime::network::parse_spec;
 use bake_runtime::spec::SPEC_KEY;
 use bake_runtime::{BakedMaterial, Dense, Network, NetworkSpec, Role};
-use peak_alloc::PeakAlloc;
 use serde_json::json;
 use std::path::Path;
-
-#[global_allocator]
-static MEMORY: PeakAlloc = PeakAlloc;
 
 /// Bytes per byte of a file: its weights once, packed once, and once more while a vector grows.
 const MULTIPLE: usize = 4;
@@ -21,14 +17,6 @@ const MULTIPLE_OF_ROWS: usize = 6;
 const OF_HEADER: usize = 4 << 20;
 /// Bytes that the tiles of three networks may take on top, of any width.
 const OF_TILES: usize = 4 << 20;
-
-/// The peak of what `work` allocates, and what it returns.
-fn peak<T>(work: impl FnOnce() -> T) -> (usize, T) {
-    let before = MEMORY.current_usage();
-    MEMORY.reset_peak_usage();
-    let result = work();
-    (MEMORY.peak_usage() - before, result)
-}
 
 fn file_of(header: &str, data: usize) -> Vec<u8> {
     let length = (header.len() as u64).to_le_bytes();
@@ -42,14 +30,8 @@ fn filled(before: &str, unit: &str, after: &str, length: usize) -> String {
     format!("{before}{}{after}", units.trim_end_matches(','))
 }
 
-#[test]
-fn memory_is_what_the_file_justifies() {
-    hostile_headers();
-    hostile_specifications();
-    widest_networks();
-}
-
-fn hostile_headers() {
+/// Headers that promise much.
+pub fn hostile_headers() {
     let longest = 1 << 17;
     let numbered = |of: &dyn Fn(usize) -> String| {
         let mut entries = String::from("{");
@@ -115,7 +97,8 @@ fn hostile_headers() {
     );
 }
 
-fn hostile_specifications() {
+/// Specifications that promise much.
+pub fn hostile_specifications() {
     let longest = 1 << 15;
     for (what, json) in [
         ("widths", filled(r#"{"format":2,"hidden":["#, "1,", "]}", longest)),
@@ -163,7 +146,7 @@ fn file_of_spec(spec: &serde_json::Value) -> Vec<u8> {
 }
 
 /// Networks with most rows per weight: what tiles take of memory grows with rows alone.
-fn widest_networks() {
+pub fn widest_networks() {
     let network = |role: Role, hidden: serde_json::Value, inputs: usize| {
         let spec: NetworkSpec = serde_json::from_value(spec(role, hidden, inputs)).expect("a specification");
         let layer = |(inputs, outputs)| Dense {
