@@ -121,7 +121,7 @@ impl<S: Simd, const N: usize, const K: usize> Task for Tile<'_, S, N, K> {
         let mut scalars = place.scalars();
         scalars.wi = &wi[..2];
         scalars.local = local.each_ref().map(|local| local.as_slice());
-        scalars.encode(simd, &program.inputs, values.input());
+        scalars.encode(simd, &program.inputs, values);
         let rows = values.run(simd, &program.net, self.live);
         let max = EXPONENT_MAX as f32;
         let charts = self.parts.charts.iter_mut().zip(rows.chunks_exact(K));

@@ -2,6 +2,7 @@
 
 use super::columns::TANGENT_COLUMNS;
 use super::math::{EXP_MAX, decay, exp, half_turns, ln};
+use super::stack::Buffers;
 use super::tile::{Column, read_parameter};
 use super::vector::{ROUND, Simd, Task, Vector};
 use crate::anchor::ANCHOR_SCALARS;
@@ -21,6 +22,8 @@ pub struct Feature {
     pub encoding: Encoding,
     /// Where these stand among all features of the network.
     pub rows: Range<usize>,
+    /// Where the first of them stands among the features of the frame network, if that has the same.
+    in_frame: Option<usize>,
     scale: Scale,
     /// Of the scale, see [`Scale::affine`].
     offset: f32,
@@ -39,12 +42,23 @@ impl Feature {
         inputs.iter().map(feature).collect()
     }
 
+    /// Tells `inputs` of a network which of them its frame network, of the inputs `of_frame`, has as well.
+    pub fn share(inputs: &mut [Feature], of_frame: &[Feature]) {
+        for input in inputs {
+            let same = |other: &&Feature| {
+                (other.quantity, other.encoding, other.scale) == (input.quantity, input.encoding, input.scale)
+            };
+            input.in_frame = of_frame.iter().find(same).map(|other| other.rows.start);
+        }
+    }
+
     fn new(input: &Input, rows: Range<usize>) -> Feature {
         let (offset, factor) = input.scale.affine();
         Feature {
             quantity: input.quantity,
             encoding: input.encoding,
             rows,
+            in_frame: None,
             scale: input.scale,
             offset: offset as f32,
             factor: factor as f32,
@@ -93,14 +107,15 @@ pub struct Scalars<'a, V, const N: usize> {
 }
 
 impl<V: Vector, const N: usize> Scalars<'_, V, N> {
-    /// Writes the features of `inputs` to their rows of `out`.
+    /// Writes the features of `inputs` to their rows of the input of `buffers`. Those that the frame network has as well are
+    /// taken from there.
     #[inline(always)]
-    pub fn encode<S: Simd<Vector = V>>(&self, simd: S, inputs: &[Feature], out: &mut [Column<V, N>]) {
+    pub fn encode<S: Simd<Vector = V>>(&self, simd: S, inputs: &[Feature], buffers: &mut Buffers<V, N>) {
         simd.enter(Encode {
             simd,
             scalars: self,
             inputs,
-            out,
+            buffers,
         });
     }
 }
@@ -110,14 +125,19 @@ struct Encode<'a, 'b, S: Simd, const N: usize> {
     simd: S,
     scalars: &'a Scalars<'b, S::Vector, N>,
     inputs: &'a [Feature],
-    out: &'a mut [Column<S::Vector, N>],
+    buffers: &'a mut Buffers<S::Vector, N>,
 }
 
 impl<S: Simd, const N: usize> Task for Encode<'_, '_, S, N> {
     #[inline(always)]
     fn run(self) {
         let (simd, all) = (self.simd, self.scalars);
+        let (out, of_frame) = self.buffers.input_and_kept();
         for input in self.inputs {
+            if let Some(start) = input.in_frame {
+                out[input.rows.clone()].copy_from_slice(&of_frame[start..start + input.rows.len()]);
+                continue;
+            }
             let mut own = [[simd.splat(0.0); N]; SCALARS_MAX];
             let mut scalars: &[Column<S::Vector, N>] = match input.quantity {
                 Quantity::U => all.u,
@@ -141,7 +161,7 @@ impl<S: Simd, const N: usize> Task for Encode<'_, '_, S, N> {
                 }
                 scalars = &scaled[..scalars.len()];
             }
-            append(input.encoding, scalars, &mut self.out[input.rows.clone()]);
+            append(input.encoding, scalars, &mut out[input.rows.clone()]);
         }
     }
 }

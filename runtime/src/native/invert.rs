@@ -107,7 +107,7 @@ impl<S: Simd, const N: usize> Task for Tile<'_, '_, S, N> {
             scalars.chart = std::slice::from_ref(&chart);
             // Where u alone enters, there is one feature of weight 0.
             values.input()[0] = [zero; N];
-            scalars.encode(simd, &shift.other_inputs, values.input());
+            scalars.encode(simd, &shift.other_inputs, values);
             let sums = values.sums(simd, &shift.others, place.live);
             for (q, part) in self.parts[c].iter_mut().enumerate() {
                 let w = [wi[0][q], wi[1][q], wi[2][q]];

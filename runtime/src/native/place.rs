@@ -44,6 +44,11 @@ impl Frames {
         }
     }
 
+    /// Inputs of the frame network.
+    pub fn inputs(&self) -> &[Feature] {
+        &self.inputs
+    }
+
     /// See [`Program::bound`].
     pub fn bind(&mut self, values: &[Option<f64>]) {
         bind_first_layer(&mut self.net, &mut self.inputs, values);
@@ -202,7 +207,8 @@ impl<S: Simd, const N: usize> Task for Predict<'_, '_, S, N> {
                 }
             }
         }
-        place.scalars().encode(simd, &frames.inputs, buffers.input());
+        place.scalars().encode(simd, &frames.inputs, buffers);
+        buffers.keep(frames.net.inputs);
         let rows = buffers.run(simd, &frames.net, place.live);
         for (column, row) in place.frames.iter_mut().zip(rows) {
             *column = *row;

@@ -57,9 +57,13 @@ impl Program {
             let asked = spec.inputs.iter().chain(&charts.inputs);
             Frames::new(charts, stack(spec.activation, &network.frame), asked)
         });
+        let mut inputs = Feature::all(&spec.inputs);
+        if let Some(frames) = &frames {
+            Feature::share(&mut inputs, frames.inputs());
+        }
         Ok(Program {
             symmetry: spec.symmetry,
-            inputs: Feature::all(&spec.inputs),
+            inputs,
             net: stack(spec.activation, &network.net),
             frames,
             width: widths.max().unwrap_or(0),

@@ -95,7 +95,7 @@ impl Sampler {
         let mut scalars = draw.place.scalars();
         scalars.u = &draw.u;
         scalars.chart = std::slice::from_ref(&draw.chart);
-        scalars.encode(simd, &self.program.inputs, values.input());
+        scalars.encode(simd, &self.program.inputs, values);
         draw
     }
 }

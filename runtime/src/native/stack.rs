@@ -50,6 +50,8 @@ impl Stack {
 /// Buffers that layers write alternately: rows of vectors, and for few queries lines of numbers.
 pub struct Buffers<V, const N: usize> {
     rows: [Vec<[V; N]>; 2],
+    /// What [`Buffers::keep`] kept.
+    kept: Vec<[V; N]>,
     /// As long as `rows`, up to whole panels.
     pub lines: [Lines; 2],
 }
@@ -58,6 +60,7 @@ impl<V: Vector, const N: usize> Buffers<V, N> {
     /// Buffers for layers of no rows; see [`Buffers::fit`].
     pub const EMPTY: Self = Buffers {
         rows: [const { Vec::new() }; 2],
+        kept: Vec::new(),
         lines: [const { [const { Vec::new() }; LINES_MAX] }; 2],
     };
 
@@ -65,6 +68,7 @@ impl<V: Vector, const N: usize> Buffers<V, N> {
     pub fn fit(&mut self, width: usize, zero: V) {
         if self.rows[0].len() < width {
             self.rows = [vec![[zero; N]; width], vec![[zero; N]; width]];
+            self.kept = vec![[zero; N]; width];
             let whole = width.next_multiple_of(PANEL);
             for line in self.lines.as_flattened_mut() {
                 line.resize(whole, 0.0);
@@ -76,6 +80,18 @@ impl<V: Vector, const N: usize> Buffers<V, N> {
     #[inline(always)]
     pub fn input(&mut self) -> &mut [[V; N]] {
         &mut self.rows[0]
+    }
+
+    /// Keeps the first `count` rows of [`Buffers::input`] from what layers write there.
+    #[inline(always)]
+    pub fn keep(&mut self, count: usize) {
+        self.kept[..count].copy_from_slice(&self.rows[0][..count]);
+    }
+
+    /// [`Buffers::input`], and the rows that are kept.
+    #[inline(always)]
+    pub fn input_and_kept(&mut self) -> (&mut [[V; N]], &[[V; N]]) {
+        (&mut self.rows[0], &self.kept)
     }
 
     /// Runs `stack` on the first rows of [`Buffers::input`], as many as it takes, of which the first `live` queries count;
@@ -133,6 +149,7 @@ impl<V: Vector, const N: usize> Buffers<V, N> {
         let Buffers {
             rows: [from, to],
             lines,
+            ..
         } = self;
         let mut at = 0;
         while at < live {
