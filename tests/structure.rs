@@ -9,18 +9,20 @@ use std::process::Command;
 
 const ROOT: &str = "bake";
 const RUNTIME: &str = "bake-runtime";
+/// The runtime's interface for C.
+const CAPI: &str = "bake-capi";
 const TRAIN: &str = "bake-train";
 const EXPORT: &str = "bake-export";
 const SCENES: &str = "bake-scenes";
 /// The reference models in single precision, for tests of the runtime alone.
 const TWIN: &str = "bake-single-precision";
 
-/// Files that may hold `unsafe`: lane operations of one instruction set each.
-const UNSAFE_FOLDER: &str = "runtime/src/native/arch";
+/// Files that may hold `unsafe`: lane operations of one instruction set each, and what C passes as pointers.
+const UNSAFE_FOLDERS: [&str; 2] = ["runtime/src/native/arch", "runtime/capi/src"];
 
 #[test]
 fn crates_see_only_what_the_design_lets_them_see() {
-    let ours = [ROOT, RUNTIME, TWIN, TRAIN, EXPORT, SCENES].map(String::from);
+    let ours = [ROOT, RUNTIME, CAPI, TWIN, TRAIN, EXPORT, SCENES].map(String::from);
     let dependencies = direct_dependencies();
     let found: Vec<&String> = dependencies.keys().collect();
     let expected: BTreeSet<&String> = ours.iter().collect();
@@ -32,6 +34,7 @@ fn crates_see_only_what_the_design_lets_them_see() {
     for (name, allowed) in [
         (TWIN, &[][..]),
         (RUNTIME, &[TWIN]),
+        (CAPI, &[RUNTIME]),
         (TRAIN, &[RUNTIME]),
         (EXPORT, &[RUNTIME]),
         (SCENES, &[RUNTIME]),
@@ -54,7 +57,7 @@ fn the_twin_in_single_precision_has_no_models_of_its_own() {
     let mut found = sources(&folder);
     found.sort();
     assert_eq!(found, ["lib.rs", "real.rs"].map(|file| folder.join(file)));
-    for name in [ROOT, RUNTIME, TRAIN, EXPORT, SCENES] {
+    for name in [ROOT, RUNTIME, CAPI, TRAIN, EXPORT, SCENES] {
         assert!(!tree(name).contains(TWIN), "{name} links {TWIN}");
     }
 }
@@ -65,7 +68,7 @@ fn only_training_knows_candle() {
         let knows = dependencies.iter().any(|d| d.starts_with("candle"));
         assert_eq!(knows, name == TRAIN, "whether {name} depends on candle");
     }
-    for name in [RUNTIME, EXPORT, SCENES] {
+    for name in [RUNTIME, CAPI, EXPORT, SCENES] {
         let tree = tree(name);
         assert!(
             !tree.iter().any(|d| d.starts_with("candle")),
@@ -80,19 +83,18 @@ fn only_training_knows_candle() {
 
 #[test]
 fn a_renderer_links_no_candle_no_onnxruntime_and_no_logging() {
-    let tree = tree(RUNTIME);
-    let unwanted = |name: &&String| {
-        ["candle", "ort-sys", "tracing", "env_logger"]
-            .iter()
-            .any(|start| name.starts_with(start))
-            || ["ort", "log", "slog"].contains(&name.as_str())
-    };
-    let found: Vec<&String> = tree.iter().filter(unwanted).collect();
-    assert!(
-        found.is_empty(),
-        "{RUNTIME} with default features links {found:?}"
-    );
-    assert!(tree.contains("safetensors"), "the test looks at the whole tree");
+    for name in [RUNTIME, CAPI] {
+        let tree = tree(name);
+        let unwanted = |dependency: &&String| {
+            ["candle", "ort-sys", "tracing", "env_logger"]
+                .iter()
+                .any(|start| dependency.starts_with(start))
+                || ["ort", "log", "slog"].contains(&dependency.as_str())
+        };
+        let found: Vec<&String> = tree.iter().filter(unwanted).collect();
+        assert!(found.is_empty(), "{name} with default features links {found:?}");
+        assert!(tree.contains("safetensors"), "the test looks at the whole tree");
+    }
 }
 
 #[test]
@@ -101,11 +103,13 @@ fn threads_of_the_runtime_are_an_option() {
         tree(RUNTIME).contains("rayon"),
         "batches run on all threads by default"
     );
-    let alone = tree_with(RUNTIME, &["--no-default-features"]);
-    let found: Vec<&String> = alone.iter().filter(|name| name.starts_with("rayon")).collect();
-    assert!(found.is_empty(), "{RUNTIME} without features links {found:?}");
-    assert!(alone.contains("safetensors"), "the test looks at the whole tree");
-    // Everything else in that crate runs on the thread that calls it.
+    for (name, options) in [(RUNTIME, &["--no-default-features"][..]), (CAPI, &[])] {
+        let alone = tree_with(name, options);
+        let found: Vec<&String> = alone.iter().filter(|name| name.starts_with("rayon")).collect();
+        assert!(found.is_empty(), "{name} without threads links {found:?}");
+        assert!(alone.contains("safetensors"), "the test looks at the whole tree");
+    }
+    // Everything else in the runtime runs on the thread that calls it.
     let spread = |file: &PathBuf| read(file).contains("rayon");
     let files: Vec<PathBuf> = sources(&workspace().join("runtime/src"))
         .into_iter()
@@ -115,25 +119,37 @@ fn threads_of_the_runtime_are_an_option() {
 }
 
 #[test]
-fn unsafe_stands_only_in_the_files_of_instruction_sets() {
-    let folder = workspace().join(UNSAFE_FOLDER);
-    let mut inside = 0;
-    for root in ["src", "runtime/src", "train/src", "export/src", "scenes/src"] {
+fn unsafe_stands_only_where_instructions_and_pointers_are() {
+    let folders = UNSAFE_FOLDERS.map(|folder| workspace().join(folder));
+    let mut inside = [0; UNSAFE_FOLDERS.len()];
+    for root in [
+        "src",
+        "runtime/src",
+        "runtime/capi/src",
+        "train/src",
+        "export/src",
+        "scenes/src",
+    ] {
         for file in sources(&workspace().join(root)) {
             let text = read(&file);
             let line = text
                 .lines()
                 .position(|line| has_unsafe(line.split("//").next().unwrap_or_default()));
-            match (file.starts_with(&folder), line) {
-                (true, found) => inside += usize::from(found.is_some()),
-                (false, None) => {}
-                (false, Some(line)) => {
-                    panic!("{}:{}: unsafe outside {UNSAFE_FOLDER}", file.display(), line + 1)
-                }
+            match (folders.iter().position(|folder| file.starts_with(folder)), line) {
+                (Some(folder), found) => inside[folder] += usize::from(found.is_some()),
+                (None, None) => {}
+                (None, Some(line)) => panic!(
+                    "{}:{}: unsafe outside {UNSAFE_FOLDERS:?}",
+                    file.display(),
+                    line + 1
+                ),
             }
         }
     }
-    assert!(inside > 0, "the test recognises unsafe where it is allowed");
+    assert!(
+        inside.iter().all(|files| *files > 0),
+        "the test recognises unsafe where it is allowed: {inside:?}"
+    );
 }
 
 #[test]
@@ -149,7 +165,7 @@ fn every_other_crate_forbids_unsafe() {
             "{root} does not forbid unsafe code"
         );
     }
-    // Forbidding could not be lifted for the files of instruction sets.
+    // Forbidding could not be lifted for the files of instruction sets. The interface for C is made of pointers.
     assert!(read(&workspace().join("runtime/src/lib.rs")).contains("#![deny(unsafe_code)]"));
 }
 

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::network::Network;
 use crate::spec::Role;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The three networks of one baked material.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,40 +22,44 @@ impl BakedMaterial {
     /// # Errors
     /// [`Error::Io`] or [`Error::Network`], naming the file; also when the three disagree about role or material.
     pub fn load(folder: &Path) -> Result<BakedMaterial> {
-        let load = |role: Role| -> Result<Network> {
-            let path = folder.join(role.name()).with_extension("safetensors");
-            let network = Network::load(&path)?;
+        let load = |role: Role| Network::load(&file_of(role, folder));
+        BakedMaterial::agreed(load(Role::Sample)?, load(Role::Eval)?, load(Role::Pdf)?, folder)
+    }
+
+    /// The same from the bytes of the three files, which may lie anywhere; errors name them as files of `folder`.
+    ///
+    /// # Errors
+    /// [`Error::Network`], as [`BakedMaterial::load`] has it.
+    pub fn from_bytes(sample: &[u8], eval: &[u8], pdf: &[u8], folder: &Path) -> Result<BakedMaterial> {
+        let parse = |role: Role, bytes: &[u8]| {
+            Network::from_bytes(bytes).map_err(|reason| Error::network(file_of(role, folder), reason))
+        };
+        BakedMaterial::agreed(
+            parse(Role::Sample, sample)?,
+            parse(Role::Eval, eval)?,
+            parse(Role::Pdf, pdf)?,
+            folder,
+        )
+    }
+
+    /// The material of three networks, where they agree about role, material and charts.
+    fn agreed(sample: Network, eval: Network, pdf: Network, folder: &Path) -> Result<BakedMaterial> {
+        let refuse = |role: Role, reason: String| Err(Error::network(file_of(role, folder), reason));
+        for (role, network) in [(Role::Sample, &sample), (Role::Eval, &eval), (Role::Pdf, &pdf)] {
             if network.spec.role != role {
-                return Err(Error::network(
-                    path,
-                    format!("it is a {} network", network.spec.role.name()),
-                ));
+                return refuse(role, format!("it is a {} network", network.spec.role.name()));
             }
-            Ok(network)
-        };
-        let baked = BakedMaterial {
-            sample: load(Role::Sample)?,
-            eval: load(Role::Eval)?,
-            pdf: load(Role::Pdf)?,
-        };
-        for other in [&baked.eval, &baked.pdf] {
-            if other.spec.material != baked.sample.spec.material {
-                let path = folder.join(other.spec.role.name()).with_extension("safetensors");
-                return Err(Error::network(
-                    path,
-                    "it was baked from another material than sample.safetensors",
-                ));
+            if network.spec.material != sample.spec.material {
+                let reason = "it was baked from another material than sample.safetensors";
+                return refuse(role, reason.to_string());
             }
         }
         let charts = |network: &Network| network.spec.charts().map_or(0, |c| c.anchors.len());
-        if charts(&baked.pdf) != charts(&baked.sample) {
-            let path = folder.join(Role::Pdf.name()).with_extension("safetensors");
-            return Err(Error::network(
-                path,
-                "it has another number of charts than sample.safetensors",
-            ));
+        if charts(&pdf) != charts(&sample) {
+            let reason = "it has another number of charts than sample.safetensors";
+            return refuse(Role::Pdf, reason.to_string());
         }
-        Ok(baked)
+        Ok(BakedMaterial { sample, eval, pdf })
     }
 
     /// Writes the three files into `folder`.
@@ -64,14 +68,15 @@ impl BakedMaterial {
     /// [`Error::Io`] naming the file.
     pub fn save(&self, folder: &Path) -> Result<()> {
         for network in [&self.sample, &self.eval, &self.pdf] {
-            network.save(
-                &folder
-                    .join(network.spec.role.name())
-                    .with_extension("safetensors"),
-            )?;
+            network.save(&file_of(network.spec.role, folder))?;
         }
         Ok(())
     }
+}
+
+/// Where `folder` holds the network of `role`.
+fn file_of(role: Role, folder: &Path) -> PathBuf {
+    folder.join(role.name()).with_extension("safetensors")
 }
 
 /// The shading points of a batch.
