@@ -15,6 +15,8 @@ pub mod bsdf;
 pub mod chart;
 pub mod concentric;
 pub mod conductor;
+#[cfg(feature = "conformance")]
+pub mod conformance;
 pub mod encoding;
 pub mod error;
 pub mod estimator;

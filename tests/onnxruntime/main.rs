@@ -14,6 +14,7 @@ mod support;
 mod edges;
 mod files;
 mod oracle;
+mod suite;
 
 use bake_runtime::BakedMaterial;
 

@@ -1,12 +1,14 @@
 //! Exact densities by inversion: against the oracle, against the Jacobian, and what they are worth as weights.
 
-use crate::materials::Kind;
-use crate::queries::{Answers, Exact, Queries, backend, refs, run, slices};
-use crate::rounding::{FLOOR, boost_condition, condition, expected, terms};
+use crate::inverted::{backend, invert};
 use bake_runtime::bsdf::shifted_r2;
 use bake_runtime::chart::Chart;
+use bake_runtime::conformance::answers::{Answers, ask};
+use bake_runtime::conformance::materials::Kind;
+use bake_runtime::conformance::queries::{Exact, Queries, refs, slices};
+use bake_runtime::conformance::rounding::{FLOOR, boost_condition, condition, expected, terms};
 use bake_runtime::native::Tier;
-use bake_runtime::{Backend, BakedMaterial, Points, oracle};
+use bake_runtime::{Backend, BakedMaterial, oracle};
 
 /// Relative error that the last residual leaves: 2e-5 in a logit, times what a logit moves the density by.
 const RESIDUAL_TOL: f64 = 2e-4;
@@ -52,7 +54,7 @@ fn every_tier_finds_the_densities_of_the_oracle() {
         let queries = Queries::random(500 + seed, 1000).with_params(&material, seed);
         let expected = expected(&material, &queries, seed, answer, floors);
         for tier in Tier::available() {
-            let answers = run(&backend(&material, tier), &queries);
+            let answers = invert(&backend(&material, tier), &queries);
             let charts = material.sample.spec.charts().map_or(0, |c| c.anchors.len());
             let [of_pdf, of_mixture] = answers.inversions;
             assert_eq!(of_pdf.queries, (charts * queries.len()) as u64);
@@ -84,10 +86,10 @@ fn the_density_of_samples_is_the_reciprocal_of_their_jacobian() {
         let queries = Queries::random(8, 2000).with_params(&material, 9);
         for tier in Tier::available() {
             let backend = backend(&material, tier);
-            let drawn = run(&backend, &queries);
+            let drawn = ask(&backend, &queries);
             let mut there = queries.clone();
             there.wi = drawn.wi_of_jacobian.clone();
-            let found = run(&backend, &there).exact_pdf;
+            let found = invert(&backend, &there).exact_pdf;
             for i in (0..queries.len()).filter(|&i| queries.wo[2][i].min(there.wi[2][i]) > HEIGHT_MIN) {
                 let one = found[i] * drawn.jacobian[i];
                 let error = (f64::from(one) - 1.0).abs();
@@ -102,7 +104,7 @@ fn where_newton_fails_the_frame_stands_in_and_is_counted() {
     let material = Kind::Folding.build(3);
     let queries = Queries::random(5, 4000);
     for tier in Tier::available() {
-        let answers = run(&backend(&material, tier), &queries);
+        let answers = invert(&backend(&material, tier), &queries);
         let stands_in = |i: &usize| {
             let query = queries.at(*i);
             let (wo, turn) = oracle::fold(material.sample.spec.symmetry, query.wo);
@@ -134,18 +136,12 @@ fn means(material: &BakedMaterial, wo: [f32; 3]) -> [f64; 3] {
     }
     queries.params = vec![vec![0.2]];
     let params = queries.columns();
-    let points = Points {
-        params: &params,
-        wo: refs(&queries.wo),
-    };
+    let points = queries.points(&params);
     let backend = backend(material, Tier::best());
+    let mixture = invert(&backend, &queries).mixture;
     let Answers {
-        f_cos,
-        wi,
-        jacobian,
-        mixture,
-        ..
-    } = &mut run(&backend, &queries);
+        f_cos, wi, jacobian, ..
+    } = &mut ask(&backend, &queries);
     let integral = f_cos[0]
         .iter()
         .zip(areas)
@@ -154,7 +150,7 @@ fn means(material: &BakedMaterial, wo: [f32; 3]) -> [f64; 3] {
     backend
         .eval(points, refs(wi), slices(f_cos))
         .expect("equal lengths");
-    let [learned, exact] = [jacobian, mixture].map(|jacobian| {
+    let [learned, exact] = [&*jacobian, &mixture].map(|jacobian| {
         let weights = f_cos[0].iter().zip(jacobian).map(|(f, j)| f64::from(*f * *j));
         weights.sum::<f64>() / count as f64
     });

@@ -1,8 +1,10 @@
-//! The native kernels against the f64 oracle, and the contract of their interface, on every tier.
+//! The native kernels on every tier: the suite of all backends, and what they promise beyond.
 
-mod accuracy;
+mod bound;
 mod contract;
+mod faults;
 mod inversion;
-mod materials;
-mod queries;
-mod rounding;
+mod inverted;
+mod jacobian;
+mod linear;
+mod suite;

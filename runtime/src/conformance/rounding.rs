@@ -4,12 +4,12 @@
 //! or two; what that moves the answer by is what single precision may be off by. Roundings of numbers that the charts make
 //! on the way have no such move: floors follow them.
 
-use crate::queries::{Exact, Queries, normalised};
-use bake_runtime::chart::Chart;
-use bake_runtime::frame::Frame;
-use bake_runtime::oracle::OracleSample;
-use bake_runtime::spec::{Geometry, Roughness};
-use bake_runtime::{BakedMaterial, Network, Rng, oracle};
+use super::queries::{Exact, Queries, normalised};
+use crate::chart::Chart;
+use crate::frame::Frame;
+use crate::oracle::OracleSample;
+use crate::spec::{Geometry, Roughness};
+use crate::{BakedMaterial, Network, Rng, oracle};
 
 /// Relative size of the moves, two roundings of f32.
 const MOVE: f64 = 1.0 / (1u64 << 23) as f64;
@@ -110,8 +110,11 @@ pub fn terms(network: &Network, query: &Exact, sample: &OracleSample) -> f64 {
 }
 
 /// What an answer should be, and how far off it may be.
+#[derive(Clone, Copy, Debug)]
 pub struct Expected {
+    /// What the oracle answers.
     pub value: f64,
+    /// What rounding may change it by, in the unit of the answer.
     pub tolerance: f64,
 }
 

@@ -1,38 +1,45 @@
-//! Random and hard queries, and everything that the native backend answers to them.
+//! Random and hard queries, as backends take them and as the oracle does.
 
-use bake_runtime::native::{Inversions, NativeBackend, Tier};
-use bake_runtime::spec::U_MIN;
-use bake_runtime::{Backend, BakedMaterial, Error, Points, Rng};
+use crate::spec::U_MIN;
+use crate::{BakedMaterial, Points, Rng};
 use std::f64::consts::TAU;
 
 /// The largest u that a backend uses: the last f32 below 1.
 const U_MAX: f64 = 1.0 - 1.0 / (1u64 << 24) as f64;
 
-/// `wo`, `wi` and `u` of one query.
-type Query = ([f32; 3], [f32; 3], [f32; 2]);
+/// `wo`, `wi` and `u` of one query: unit vectors of the shading frame, and numbers in `[0, 1]`.
+pub type Query = ([f32; 3], [f32; 3], [f32; 2]);
 
 /// One query in f64, as the oracle takes it: directions are unit, u is not next to its edges.
 #[derive(Clone, Debug)]
 pub struct Exact {
+    /// Values of the free parameters.
     pub params: Vec<f64>,
+    /// Unit direction to the camera.
     pub wo: [f64; 3],
+    /// Unit direction to the light.
     pub wi: [f64; 3],
+    /// The random numbers, in `(0, 1)`.
     pub u: [f64; 2],
 }
 
 /// Queries as the backends take them: every array has one element per query, but the first of several parameters is the
 /// same for all.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Queries {
+    /// A column for each free parameter.
     pub params: Vec<Vec<f32>>,
+    /// Directions to the camera.
     pub wo: [Vec<f32>; 3],
+    /// Directions to the light.
     pub wi: [Vec<f32>; 3],
+    /// Random numbers.
     pub u: [Vec<f32>; 2],
 }
 
 impl Queries {
-    /// The queries with these values.
-    fn new(rows: &[Query]) -> Queries {
+    /// The queries with these values, of a material that leaves nothing free.
+    pub fn new(rows: &[Query]) -> Queries {
         let column = |of: &dyn Fn(&Query) -> f32| rows.iter().map(of).collect();
         Queries {
             params: Vec::new(),
@@ -110,6 +117,19 @@ impl Queries {
         self.params.iter().map(Vec::as_slice).collect()
     }
 
+    /// The shading points, with `params` as [`Queries::columns`] gives them.
+    pub fn points<'a>(&'a self, params: &'a [&'a [f32]]) -> Points<'a> {
+        Points {
+            params,
+            wo: refs(&self.wo),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
     /// Number of queries.
     pub fn len(&self) -> usize {
         self.wo[0].len()
@@ -127,20 +147,38 @@ impl Queries {
         }
     }
 
-    /// The queries `range`.
-    pub fn slice(&self, range: std::ops::Range<usize>) -> Queries {
-        let cut = |v: &Vec<f32>| v[range.clone()].to_vec();
+    /// The queries with these numbers, in this order; what they all share stays one value.
+    pub fn select(&self, numbers: impl Iterator<Item = usize> + Clone) -> Queries {
+        let pick = |column: &Vec<f32>| -> Vec<f32> { numbers.clone().map(|i| column[i]).collect() };
         let params = self.params.iter().map(|column| match column.len() {
             1 => column.clone(),
-            _ => cut(column),
+            _ => pick(column),
         });
         Queries {
             params: params.collect(),
-            wo: self.wo.each_ref().map(cut),
-            wi: self.wi.each_ref().map(cut),
-            u: self.u.each_ref().map(cut),
+            wo: self.wo.each_ref().map(pick),
+            wi: self.wi.each_ref().map(pick),
+            u: self.u.each_ref().map(pick),
         }
     }
+
+    /// These queries and then those of `other`, none of which has parameters yet.
+    pub fn and(mut self, other: Queries) -> Queries {
+        let ours = self.wo.iter_mut().chain(&mut self.wi).chain(&mut self.u);
+        let theirs = other.wo.into_iter().chain(other.wi).chain(other.u);
+        ours.zip(theirs).for_each(|(ours, theirs)| ours.extend(theirs));
+        self
+    }
+}
+
+/// The columns as slices.
+pub fn refs<const K: usize>(columns: &[Vec<f32>; K]) -> [&[f32]; K] {
+    columns.each_ref().map(Vec::as_slice)
+}
+
+/// The columns as mutable slices.
+pub fn slices<const K: usize>(columns: &mut [Vec<f32>; K]) -> [&mut [f32]; K] {
+    columns.each_mut().map(Vec::as_mut_slice)
 }
 
 /// The f32 next to `u` that is still below 1.
@@ -200,122 +238,4 @@ fn direction(rng: &mut Rng) -> [f32; 3] {
     };
     let r = (1.0 - z * z).sqrt();
     unit_f32([r * (TAU * b).cos(), r * (TAU * b).sin(), z])
-}
-
-/// Everything a backend answers.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Answers {
-    pub wi: [Vec<f32>; 3],
-    pub weight: [Vec<f32>; 3],
-    pub wi_of_jacobian: [Vec<f32>; 3],
-    pub jacobian: Vec<f32>,
-    pub f_cos: [Vec<f32>; 3],
-    pub pdf: Vec<f32>,
-    /// Zeros on the disk.
-    pub exact_pdf: Vec<f32>,
-    pub wi_of_mixture: [Vec<f32>; 3],
-    pub mixture: Vec<f32>,
-    /// Of the exact pdf and of the mixture; not part of the columns.
-    pub inversions: [Inversions; 2],
-}
-
-impl Answers {
-    /// Room for `count` queries, filled with NaN so that nothing unwritten passes.
-    pub fn new(count: usize) -> Answers {
-        let one = vec![f32::NAN; count];
-        let three = [one.clone(), one.clone(), one.clone()];
-        Answers {
-            wi: three.clone(),
-            weight: three.clone(),
-            wi_of_jacobian: three.clone(),
-            jacobian: one.clone(),
-            f_cos: three.clone(),
-            pdf: one.clone(),
-            exact_pdf: one.clone(),
-            wi_of_mixture: three,
-            mixture: one,
-            inversions: Default::default(),
-        }
-    }
-
-    /// All arrays, with their names.
-    pub fn columns(&self) -> Vec<(&'static str, &[f32])> {
-        let triples = [
-            ("wi", &self.wi),
-            ("weight", &self.weight),
-            ("wi of jacobian", &self.wi_of_jacobian),
-            ("f_cos", &self.f_cos),
-            ("wi of mixture", &self.wi_of_mixture),
-        ];
-        let mut all: Vec<(&str, &[f32])> = Vec::new();
-        for (name, columns) in triples {
-            all.extend(columns.iter().map(|column| (name, column.as_slice())));
-        }
-        all.extend([
-            ("jacobian", self.jacobian.as_slice()),
-            ("pdf", self.pdf.as_slice()),
-            ("exact pdf", self.exact_pdf.as_slice()),
-            ("mixture", self.mixture.as_slice()),
-        ]);
-        all
-    }
-}
-
-/// A backend for `material`, which must exist on this processor.
-pub fn backend(material: &BakedMaterial, tier: Tier) -> NativeBackend {
-    NativeBackend::new(material, tier).expect("the tier is available and the material is sound")
-}
-
-/// Runs all kinds of query.
-pub fn run(backend: &NativeBackend, queries: &Queries) -> Answers {
-    let mut answers = Answers::new(queries.len());
-    let Answers {
-        wi,
-        weight,
-        wi_of_jacobian,
-        jacobian,
-        f_cos,
-        pdf,
-        exact_pdf,
-        wi_of_mixture,
-        mixture,
-        inversions,
-    } = &mut answers;
-    let params = queries.columns();
-    let points = Points {
-        params: &params,
-        wo: refs(&queries.wo),
-    };
-    let (lights, u) = (refs(&queries.wi), refs(&queries.u));
-    let lengths = "equal lengths";
-    backend
-        .sample_learned(points, u, slices(wi), slices(weight))
-        .expect(lengths);
-    backend
-        .sample_jacobian(points, u, slices(wi_of_jacobian), jacobian)
-        .expect(lengths);
-    backend.eval(points, lights, slices(f_cos)).expect(lengths);
-    backend.pdf(points, lights, pdf).expect(lengths);
-    inversions[0] = match backend.exact_pdf(points, lights, exact_pdf) {
-        Ok(inversions) => inversions,
-        Err(Error::Query { .. }) => {
-            exact_pdf.fill(0.0);
-            Inversions::default()
-        }
-        Err(other) => panic!("{other}"),
-    };
-    inversions[1] = backend
-        .sample_mixture(points, u, slices(wi_of_mixture), mixture)
-        .expect(lengths);
-    answers
-}
-
-/// The columns as slices.
-pub fn refs<const K: usize>(columns: &[Vec<f32>; K]) -> [&[f32]; K] {
-    columns.each_ref().map(Vec::as_slice)
-}
-
-/// The columns as mutable slices.
-pub fn slices<const K: usize>(columns: &mut [Vec<f32>; K]) -> [&mut [f32]; K] {
-    columns.each_mut().map(Vec::as_mut_slice)
 }

@@ -1,13 +1,11 @@
 //! Random materials: the shapes that bakes use, and random valid specifications of every kind, with random weights.
 
-use bake_runtime::anchor::Anchor;
-use bake_runtime::encoding::{Encoding, Quantity, Scale};
-use bake_runtime::spec::{Activation, ChartsSpec, FORMAT, Geometry, Input, Roughness, Symmetry};
-use bake_runtime::{
-    BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Rng, Role, Scalar, Setting,
-};
+use crate::anchor::Anchor;
+use crate::encoding::{Encoding, Quantity, Scale};
+use crate::spec::{Activation, ChartsSpec, FORMAT, Geometry, Input, Roughness, Symmetry};
+use crate::{BakedMaterial, Dense, Family, Material, Network, NetworkSpec, Rng, Role, Scalar, Setting};
 
-/// Kinds of random materials that the kernels must get right.
+/// Kinds of random materials that a backend must get right.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
     /// One chart and nothing free: 4×32.
@@ -40,7 +38,7 @@ impl Kind {
         Kind::Paper,
     ];
 
-    /// The material itself.
+    /// The material itself, with random weights of this seed.
     pub fn build(self, seed: u64) -> BakedMaterial {
         let mut material = match self {
             Kind::Any(number) => any(number),
