@@ -65,6 +65,8 @@ struct Faulty {
 
 /// Outputs of a call, after the fact: `wi` first where there is one.
 type Columns<'a, 'b> = &'a mut [&'b mut [f32]];
+/// What asks the inner backend.
+type Call<'a> = &'a dyn Fn(Points, &mut [&mut [f32]]) -> Result<()>;
 
 impl Faulty {
     fn new(material: &BakedMaterial, fault: Fault) -> Faulty {
@@ -89,7 +91,7 @@ impl Faulty {
         directions: &[[&[f32]; 3]],
         u: &[&[f32]],
         outputs: Columns,
-        call: &dyn Fn(Points, &mut [&mut [f32]]) -> Result<()>,
+        call: Call,
     ) -> Result<()> {
         let count = points.len();
         let lengths = outputs.iter().map(|column| column.len());
