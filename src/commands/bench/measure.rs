@@ -25,6 +25,8 @@ const ROUNDS: usize = 11;
 const QUICK_ROUNDS: usize = 3;
 /// A call is repeated within a round until it has taken this long, seconds.
 const ROUND_SECONDS: f64 = 1e-3;
+/// What has taken this long in all, seconds, sits the other rounds out: large batches on slow tiers.
+const JOB_SECONDS: f64 = 0.25;
 /// Queries per call of onnxruntime that are tried; the best counts.
 const ORT_CHUNKS: [usize; 3] = [256, 1024, 4096];
 
@@ -79,6 +81,8 @@ struct Job<'a> {
     /// Calls per round.
     calls: usize,
     seconds: Vec<f64>,
+    /// Seconds of all rounds together.
+    spent: f64,
 }
 
 /// What one batch runs with.
@@ -125,13 +129,10 @@ pub fn all(subjects: &[Subject], quick: bool, tick: &dyn Fn(u64, u64) -> Control
             }
         }
     }
-    let peaks = bench.peaks.iter().map(|(tier, peaks)| {
-        let gflops = median(peaks.iter().map(|p| p.gflops).collect());
-        let tier_of = Tier::ALL.into_iter().find(|t| t.name() == *tier);
-        let per_cycle = peaks
-            .iter()
-            .map(|p| tier_of.map_or(0.0, |t| p.vectors_per_cycle(t)));
-        (*tier, (gflops, median(per_cycle.collect())))
+    let peaks = bench.peaks.iter().filter_map(|(name, peaks)| {
+        let tier = Tier::named(name).ok()?;
+        let peak = Peak::highest(peaks);
+        Some((*name, (peak.gflops, peak.vectors_per_cycle(tier))))
     });
     Ok(Results {
         peaks: peaks.collect(),
@@ -254,11 +255,12 @@ impl Bench {
         for (estimator, _) in estimators.into_iter().filter(|(_, offered)| *offered) {
             let mut jobs = Vec::new();
             let multiply_adds = estimator.multiply_adds(material);
+            let truths = Batch::new(material, &best, batch, false)?.truths(material, estimator);
             for (tier, native) in &natives {
                 let mut queries = Batch::new(material, &best, batch, false)?;
                 queries.answer(Engine::Native(native), estimator)?;
                 let mut row = Row::new(subject, "native", Some(*tier), estimator, batch);
-                row.max_abs_error = Some(queries.largest_error(material, estimator));
+                row.max_abs_error = Some(queries.largest_error(&truths));
                 row.binning_l1 = binning;
                 jobs.push(Job::new(row, multiply_adds, move || {
                     queries.answer(Engine::Native(native), estimator)
@@ -280,7 +282,7 @@ impl Bench {
                 let mut queries = Batch::new(material, &best, batch, false)?;
                 queries.answer(Engine::Ort(ort), estimator)?;
                 let mut row = Row::new(subject, "ort", None, estimator, batch);
-                row.max_abs_error = Some(queries.largest_error(material, estimator));
+                row.max_abs_error = Some(queries.largest_error(&truths));
                 row.binning_l1 = binning;
                 jobs.push(Job::new(row, multiply_adds, move || {
                     queries.answer(Engine::Ort(ort), estimator)
@@ -297,25 +299,31 @@ impl Bench {
             let started = Instant::now();
             (job.run)()?;
             let seconds = started.elapsed().as_secs_f64();
+            job.spent = seconds;
             job.calls = (ROUND_SECONDS / seconds.max(1e-9)).ceil() as usize;
         }
-        let mut peaks: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
+        let mut peaks: BTreeMap<&'static str, Vec<Peak>> = BTreeMap::new();
         for _ in 0..self.rounds {
             for tier in Tier::available() {
                 let peak = Peak::measure(tier)?;
-                peaks.entry(tier.name()).or_default().push(peak.gflops);
+                peaks.entry(tier.name()).or_default().push(peak);
                 self.peaks.entry(tier.name()).or_default().push(peak);
             }
             for job in &mut jobs {
+                if !job.seconds.is_empty() && job.spent > JOB_SECONDS {
+                    continue;
+                }
                 let started = Instant::now();
                 for _ in 0..job.calls {
                     (job.run)()?;
                 }
-                job.seconds
-                    .push(started.elapsed().as_secs_f64() / job.calls as f64);
+                let seconds = started.elapsed().as_secs_f64();
+                job.spent += seconds;
+                job.seconds.push(seconds / job.calls as f64);
             }
         }
-        let peaks: BTreeMap<&str, f64> = peaks.into_iter().map(|(tier, all)| (tier, median(all))).collect();
+        let highest = peaks.iter().map(|(tier, all)| (*tier, Peak::highest(all).gflops));
+        let peaks: BTreeMap<&str, f64> = highest.collect();
         let mut finished: Vec<Row> = Vec::new();
         for mut job in jobs {
             let seconds = median(job.seconds) / job.row.batch as f64;
@@ -378,6 +386,7 @@ impl<'a> Job<'a> {
             run: Box::new(run),
             calls: 1,
             seconds: Vec::new(),
+            spent: 0.0,
         }
     }
 }

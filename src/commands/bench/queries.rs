@@ -14,7 +14,7 @@ const U_MAX: f64 = 0.999;
 /// Key of the queries.
 const KEY: u64 = 0xbe7c5;
 /// Queries whose answers are compared with f64.
-const COMPARED: usize = 512;
+const COMPARED: usize = 256;
 /// Columns that the widest answer fills.
 const OUTPUTS: usize = 6;
 
@@ -194,11 +194,17 @@ impl Batch {
         }
     }
 
-    /// Largest |a − b| / max(1, |b|) of the answers against f64, over some queries; those next to a jump are left out.
-    pub fn largest_error(&self, material: &BakedMaterial, estimator: Estimator) -> f64 {
+    /// What the oracle answers to the first queries; `None` to those next to a jump.
+    pub fn truths(&self, material: &BakedMaterial, estimator: Estimator) -> Vec<Option<Vec<f64>>> {
+        let compared = 0..self.wo[0].len().min(COMPARED);
+        compared.map(|i| self.truth(material, estimator, i)).collect()
+    }
+
+    /// Largest |a − b| / max(1, |b|) of the answers against those of the oracle.
+    pub fn largest_error(&self, truths: &[Option<Vec<f64>>]) -> f64 {
         let mut largest = 0.0f64;
-        for i in 0..self.wo[0].len().min(COMPARED) {
-            let Some(truth) = self.truth(material, estimator, i) else {
+        for (i, truth) in truths.iter().enumerate() {
+            let Some(truth) = truth else {
                 continue;
             };
             for (column, truth) in self.out.iter().zip(truth) {

@@ -53,7 +53,7 @@ pub fn print(results: &Results) {
     output::line(&format!(
         "\nOne thread, medians of interleaved rounds. bound: the best tier with all free parameters bound. GFLOP/s: two \
          operations for every multiply-add of the layers, tangents included; % peak: of independent multiply-adds of the \
-         same tier, measured in the same rounds ({}); of the best tier for ort, which gets its best of three chunk sizes. \
+         same tier, the highest of the same rounds ({}); of the best tier for ort, which gets its best of three chunk sizes. \
          max error: largest |a − b| / max(1, |b|) against f64. binning: of the sampling network, θ_o ≤ 75°, from the model \
          card. onnxruntime's `learned` and `jacobian` are one graph.",
         peaks.collect::<Vec<_>>().join(", ")

@@ -81,7 +81,7 @@ pub(super) fn cost(material: &Material, macs: usize, runners: &Runners) -> Resul
     let mut peaks = Vec::new();
     for _ in 0..ROUNDS {
         if let Some(tier) = tier {
-            peaks.push(Peak::measure(tier)?.gflops);
+            peaks.push(Peak::measure(tier)?);
         }
         let values = free
             .iter()
@@ -147,9 +147,8 @@ pub(super) fn cost(material: &Material, macs: usize, runners: &Runners) -> Resul
             })?;
         }
     }
-    peaks.sort_by(f64::total_cmp);
     let gflops = laps.median_ns(0).map(|ns| 2.0 * macs as f64 / ns);
-    let peak = peaks.get(peaks.len() / 2);
+    let peak = (!peaks.is_empty()).then(|| Peak::highest(&peaks).gflops);
     let ns = |k: usize| laps.median_ns(k).unwrap_or(f64::NAN);
     Ok(Cost {
         threads: 1,
