@@ -42,13 +42,19 @@ pub struct Tolerance {
     /// Distance between answers to one query that was asked in different ways: in another batch, or by the other way to
     /// sample. 0 where they must be the same bytes, as they are when every query is added up in the same order.
     pub reordering: f64,
+    /// Distance of the length of `wi` from 1. Not in the unit of the others.
+    pub length: f64,
 }
 
 impl Tolerance {
+    /// `wi` has unit length within this: some roundings of f32, also where a renderer adds more of its own.
+    pub const LENGTH: f64 = 1e-6;
+
     /// Of backends in f32 that add up every query in the same order, wherever it stands.
     pub const EXACT: Tolerance = Tolerance {
         rounding: 1.0,
         reordering: 0.0,
+        length: Tolerance::LENGTH,
     };
 }
 

@@ -5,8 +5,6 @@ use crate::conformance::cases::Case;
 use crate::conformance::rounding::Expected;
 use crate::conformance::{Make, Tolerance};
 
-/// `wi` has unit length within this: some roundings of f32, also where a renderer adds more of its own.
-const UNIT_TOL: f64 = 1e-6;
 /// Factor on the weights of networks that saturate every clamp: of shifts, exponents, frames and shares.
 const SATURATION: f32 = 1e4;
 
@@ -54,10 +52,10 @@ pub fn assert_expected(found: &Answers, expected: &[Vec<Expected>], factor: f64,
 ///
 /// # Panics
 /// With the first answer that is not so.
-pub fn directions_are_unit_and_everything_is_finite(make: Make, _: Tolerance) {
+pub fn directions_are_unit_and_everything_is_finite(make: Make, tolerance: Tolerance) {
     for case in Case::some() {
         let answers = ask(&*make(&case.material), &case.queries);
-        assert_usable(&answers, &format!("{:?}", case.kind));
+        assert_usable(&answers, tolerance, &format!("{:?}", case.kind));
     }
 }
 
@@ -65,7 +63,7 @@ pub fn directions_are_unit_and_everything_is_finite(make: Make, _: Tolerance) {
 ///
 /// # Panics
 /// With the first answer that is not so.
-pub fn saturated_networks_stay_finite(make: Make, _: Tolerance) {
+pub fn saturated_networks_stay_finite(make: Make, tolerance: Tolerance) {
     for case in Case::some() {
         let mut material = case.material.clone();
         for network in [&mut material.sample, &mut material.eval, &mut material.pdf] {
@@ -73,11 +71,11 @@ pub fn saturated_networks_stay_finite(make: Make, _: Tolerance) {
             layers.for_each(|layer| layer.weight.iter_mut().for_each(|w| *w *= SATURATION));
         }
         let answers = ask(&*make(&material), &case.queries);
-        assert_usable(&answers, &format!("{:?}, saturated", case.kind));
+        assert_usable(&answers, tolerance, &format!("{:?}, saturated", case.kind));
     }
 }
 
-fn assert_usable(answers: &Answers, what: &str) {
+fn assert_usable(answers: &Answers, tolerance: Tolerance, what: &str) {
     assert_finite(answers, what);
     let signed = |name: &str| name == "jacobian" || name.starts_with("wi");
     for (name, column) in answers.columns().into_iter().filter(|(name, _)| !signed(name)) {
@@ -90,7 +88,7 @@ fn assert_usable(answers: &Answers, what: &str) {
             let w = wi.each_ref().map(|column| f64::from(column[i]));
             let length = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]).sqrt();
             assert!(
-                (length - 1.0).abs() < UNIT_TOL && w[2] > 0.0,
+                (length - 1.0).abs() < tolerance.length && w[2] > 0.0,
                 "{what}: wi of query {i} is {w:?}, of length {length}"
             );
         }
