@@ -4,8 +4,8 @@
 //! compiled for the tier. What must be compiled with it is `#[inline(always)]`, or enters again by
 //! [`Simd::enter`] as a function of its own.
 
-use crate::error::{Error, Result};
-use crate::native::arch;
+use crate::error::Result;
+use crate::native::TierJob;
 
 pub use crate::native::Tier;
 pub use crate::native::math::{exp, ln, sigmoid, sin_cos};
@@ -40,30 +40,25 @@ impl Tier {
     /// # Errors
     /// [`Error::Tier`] when the processor lacks them.
     pub fn dispatch<T: TierTask>(self, task: T) -> Result<T::Out> {
-        match self {
-            Tier::Scalar => enter(Some(arch::scalar::Scalar), task),
-            Tier::Portable => enter(Some(arch::portable::Portable), task),
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx2 => enter(arch::avx2::Avx2::new(), task),
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx512 => enter(arch::avx512::Avx512::new(), task),
-            #[cfg(not(target_arch = "x86_64"))]
-            Tier::Avx2 | Tier::Avx512 => None,
-        }
-        .ok_or(Error::Tier(self.name()))
+        self.with(Dispatched(task))
     }
 }
 
-/// The result of `task`, if there is a proof.
-fn enter<S: Simd, T: TierTask>(simd: Option<S>, task: T) -> Option<T::Out> {
-    let simd = simd?;
-    let mut out = None;
-    simd.enter(Entering {
-        simd,
-        task,
-        out: &mut out,
-    });
-    out
+/// A [`TierTask`] that gets its tier's proof.
+struct Dispatched<T>(T);
+
+impl<T: TierTask> TierJob for Dispatched<T> {
+    type Out = T::Out;
+
+    fn run<S: Simd, const N: usize>(self, simd: S) -> T::Out {
+        let mut out = None;
+        simd.enter(Entering {
+            simd,
+            task: self.0,
+            out: &mut out,
+        });
+        out.expect("entering runs the task")
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Layers on whole vectors of queries. Lanes are queries; a block of output rows × query columns stays in registers while
-//! it runs over the inputs, so every weight is loaded once per block and every activation is applied before the block
-//! leaves its registers.
+//! it runs over the inputs, so every weight is loaded once per block. Short activations are applied before the block
+//! leaves its registers, long ones to whole panels.
 
 use super::columns::{Activate, Columns};
 use super::layer::{Layer, PANEL, Panel};
@@ -41,7 +41,8 @@ struct Block<'a, V, const N: usize> {
 }
 
 impl<V: Vector, const N: usize> Block<'_, V, N> {
-    /// Writes the sums of all rows to `out`, behind a short activation, in blocks that fit into the registers with their inputs and a weight.
+    /// Writes the sums of all rows to `out`, behind a short activation, in blocks that fit into the registers with their
+    /// inputs and a weight.
     #[inline(always)]
     fn rows<C: Columns<V, N>, A: Activate>(&self, out: &mut [[V; N]]) {
         let mut at = 0;

@@ -1,14 +1,11 @@
 //! Dense layers alone, without encodings, charts or heads: networks of one's own, and what benches hold against the
 //! processor's peak.
 
-use super::arch;
-use super::arch::portable::Portable;
-use super::arch::scalar::Scalar;
 use super::batch::{self, Tiles};
 use super::program::stack;
 use super::scratch::{self, Work};
 use super::stack::Stack;
-use super::tier::Tier;
+use super::tier::{Tier, TierJob};
 use super::tile::{read, write};
 use super::vector::Simd;
 use crate::backend::check_lengths;
@@ -56,25 +53,7 @@ impl Layers {
                 .max()
                 .unwrap_or(0),
         };
-        let runner: Box<dyn Run> = match tier {
-            Tier::Scalar => Box::new(Runner::<_, 4> { simd: Scalar, packed }),
-            Tier::Portable => Box::new(Runner::<_, 3> {
-                simd: Portable,
-                packed,
-            }),
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx2 => Box::new(Runner::<_, 2> {
-                simd: arch::avx2::Avx2::new().ok_or(Error::Tier(tier.name()))?,
-                packed,
-            }),
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx512 => Box::new(Runner::<_, 4> {
-                simd: arch::avx512::Avx512::new().ok_or(Error::Tier(tier.name()))?,
-                packed,
-            }),
-            #[cfg(not(target_arch = "x86_64"))]
-            Tier::Avx2 | Tier::Avx512 => return Err(Error::Tier(tier.name())),
-        };
+        let runner = tier.with(packed)?;
         Ok(Layers {
             runner,
             inputs: first.inputs,
@@ -109,6 +88,14 @@ struct Packed {
     stack: Stack,
     /// Widest layer or input.
     width: usize,
+}
+
+impl TierJob for Packed {
+    type Out = Box<dyn Run>;
+
+    fn run<S: Simd, const N: usize>(self, simd: S) -> Box<dyn Run> {
+        Box::new(Runner::<S, N> { simd, packed: self })
+    }
 }
 
 struct Runner<S, const N: usize> {

@@ -31,12 +31,12 @@ pub(crate) mod vector;
 
 use crate::backend::{Backend, BakedMaterial, Points, check_lengths};
 use crate::error::{Error, Result};
-use arch::portable::Portable;
-use arch::scalar::Scalar;
 pub use invert::Inversions;
 pub use layers::Layers;
 use runner::{Run, Runner};
+pub(crate) use tier::TierJob;
 pub use tier::{TIER_VARIABLE, Tier};
+use vector::Simd;
 
 /// The networks of one material, packed for a tier.
 ///
@@ -48,6 +48,17 @@ pub struct NativeBackend {
     free: usize,
 }
 
+/// Packs a material for a tier.
+struct Pack<'a>(&'a BakedMaterial);
+
+impl TierJob for Pack<'_> {
+    type Out = Result<Box<dyn Run>>;
+
+    fn run<S: Simd, const N: usize>(self, simd: S) -> Self::Out {
+        Ok(Box::new(Runner::<S, N>::new(self.0, simd)?))
+    }
+}
+
 impl NativeBackend {
     /// Packs `material` for `tier`.
     ///
@@ -55,23 +66,7 @@ impl NativeBackend {
     /// [`Error::Tier`] when the processor lacks `tier`, [`Error::Network`] when a network's weights contradict
     /// its specification, or the networks each other.
     pub fn new(material: &BakedMaterial, tier: Tier) -> Result<NativeBackend> {
-        // The number is that of vectors per tile: with four output rows the sums stay in the tier's registers.
-        let runner: Box<dyn Run> = match tier {
-            Tier::Scalar => Box::new(Runner::<_, 4>::new(material, Scalar)?),
-            Tier::Portable => Box::new(Runner::<_, 3>::new(material, Portable)?),
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx2 => {
-                let simd = arch::avx2::Avx2::new().ok_or(Error::Tier(tier.name()))?;
-                Box::new(Runner::<_, 2>::new(material, simd)?)
-            }
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx512 => {
-                let simd = arch::avx512::Avx512::new().ok_or(Error::Tier(tier.name()))?;
-                Box::new(Runner::<_, 4>::new(material, simd)?)
-            }
-            #[cfg(not(target_arch = "x86_64"))]
-            Tier::Avx2 | Tier::Avx512 => return Err(Error::Tier(tier.name())),
-        };
+        let runner = tier.with(Pack(material))??;
         Ok(NativeBackend {
             free: material.sample.spec.material.free().len(),
             runner,

@@ -78,9 +78,7 @@ impl<S: Simd, const N: usize> Runner<S, N> {
             false => refuse(Role::Pdf, "another number of charts"),
         }
     }
-}
 
-impl<S: Simd, const N: usize> Runner<S, N> {
     fn of(simd: S, sampler: Sampler, eval: Densities, pdf: Densities) -> Self {
         let widths = [&sampler.program, &eval.program, &pdf.program].map(|program| program.width);
         Runner {

@@ -27,6 +27,12 @@ impl Stack {
         last.map_or(self.inputs, Layer::outputs)
     }
 
+    /// Which of two buffers that are written alternately holds the rows of the last layer, if the first is its input.
+    #[inline(always)]
+    fn ends_in(&self) -> usize {
+        (self.hidden.len() + usize::from(self.last.is_some())) % 2
+    }
+
     /// Runs all layers on the first `K` of `lines[0]`; which of `lines` holds the rows of the last.
     #[inline(always)]
     pub fn run_lines<V: Vector, C: Columns<V, K>, A: Activate, const K: usize>(
@@ -43,7 +49,7 @@ impl Stack {
         if let Some(last) = &self.last {
             last.run_lines::<V, C, Linear, K>(zero, from, to);
         }
-        (self.hidden.len() + usize::from(self.last.is_some())) % 2
+        self.ends_in()
     }
 }
 
@@ -139,7 +145,7 @@ impl<V: Vector, const N: usize> Buffers<V, N> {
         if let Some(last) = &stack.last {
             last.run::<V, C, Linear, N>(from, to);
         }
-        (stack.hidden.len() + usize::from(stack.last.is_some())) % 2
+        stack.ends_in()
     }
 
     /// Takes the first `live` queries, [`LINES_MAX`] or one at a time, from the first rows to lines, through `layers`, and

@@ -1,6 +1,9 @@
 //! Sets of instructions that the kernels are compiled for, and how one is chosen.
 
 use super::arch;
+use super::arch::portable::Portable;
+use super::arch::scalar::Scalar;
+use super::vector::Simd;
 use crate::error::{Error, Result};
 
 /// The environment variable that names the tier to use, in [`Tier::chosen`].
@@ -19,6 +22,24 @@ pub enum Tier {
     Avx512,
 }
 
+/// What is done with the proof that a processor has a tier.
+pub(crate) trait TierJob {
+    /// What it gives.
+    type Out;
+
+    /// Does it; the tier's tiles have `N` vectors.
+    fn run<S: Simd, const N: usize>(self, simd: S) -> Self::Out;
+}
+
+/// Asks for the proof alone.
+struct Nothing;
+
+impl TierJob for Nothing {
+    type Out = ();
+
+    fn run<S: Simd, const N: usize>(self, _: S) {}
+}
+
 impl Tier {
     /// All tiers, slowest first.
     pub const ALL: [Tier; 4] = [Tier::Scalar, Tier::Portable, Tier::Avx2, Tier::Avx512];
@@ -29,15 +50,26 @@ impl Tier {
     }
 
     fn exists(self) -> bool {
-        match self {
-            Tier::Scalar | Tier::Portable => true,
+        self.with(Nothing).is_ok()
+    }
+
+    /// Gives `job` this tier's proof.
+    ///
+    /// # Errors
+    /// [`Error::Tier`] when the processor lacks its instructions.
+    pub(crate) fn with<J: TierJob>(self, job: J) -> Result<J::Out> {
+        // The numbers are those of vectors per tile: the sums of a block of rows stay in the tier's registers.
+        let out = match self {
+            Tier::Scalar => Some(job.run::<_, 4>(Scalar)),
+            Tier::Portable => Some(job.run::<_, 3>(Portable)),
             #[cfg(target_arch = "x86_64")]
-            Tier::Avx2 => arch::avx2::Avx2::new().is_some(),
+            Tier::Avx2 => arch::avx2::Avx2::new().map(|simd| job.run::<_, 2>(simd)),
             #[cfg(target_arch = "x86_64")]
-            Tier::Avx512 => arch::avx512::Avx512::new().is_some(),
+            Tier::Avx512 => arch::avx512::Avx512::new().map(|simd| job.run::<_, 4>(simd)),
             #[cfg(not(target_arch = "x86_64"))]
-            Tier::Avx2 | Tier::Avx512 => false,
-        }
+            Tier::Avx2 | Tier::Avx512 => None,
+        };
+        out.ok_or(Error::Tier(self.name()))
     }
 
     /// The fastest tier of this processor.

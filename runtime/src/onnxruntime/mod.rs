@@ -58,9 +58,7 @@ impl OrtBackend {
         }
         Ok(backend)
     }
-}
 
-impl OrtBackend {
     /// The same with `chunk` ≥ 1 queries per call of onnxruntime instead of 1024.
     pub fn with_chunk(mut self, chunk: usize) -> OrtBackend {
         for model in [&mut self.sample, &mut self.eval, &mut self.pdf] {
