@@ -9,7 +9,9 @@ use bake_runtime::native::{Layers, NativeBackend, Tier};
 use bake_runtime::onnxruntime::{OrtBackend, PlainModel, library_path};
 use bake_runtime::spec::Activation;
 use bake_runtime::{BakedMaterial, Dense, Error, Rng, oracle};
+use bake_train::bench::median;
 use bake_train::bench::peak::Peak;
+use bake_train::card::difference;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -110,22 +112,22 @@ pub fn all(subjects: &[Subject], quick: bool, tick: &dyn Fn(u64, u64) -> Control
     };
     let total = (subjects.len() * batches.len()) as u64;
     for (s, subject) in subjects.iter().enumerate() {
-        let folder = tempfile::tempdir()?;
-        if let (Kind::Networks { material, .. }, true) = (&subject.kind, with_ort) {
-            export(material, folder.path())?;
-        }
+        let engines = match &subject.kind {
+            Kind::Layers(..) => None,
+            Kind::Networks { material, .. } => Some(Engines::new(material, with_ort)?),
+        };
         for (b, &batch) in batches.iter().enumerate() {
             if tick((s * batches.len() + b) as u64, total).is_break() {
                 anyhow::bail!("interrupted; nothing was written");
             }
-            match &subject.kind {
-                Kind::Layers(layers, activation) => {
+            match (&subject.kind, &engines) {
+                (Kind::Networks { material, binning_l1 }, Some(engines)) => {
+                    bench.networks(subject, material, *binning_l1, engines, batch)?
+                }
+                (Kind::Layers(layers, activation), _) => {
                     bench.layers(subject, layers, *activation, batch, with_ort)?
                 }
-                Kind::Networks { material, .. } => {
-                    let folder = with_ort.then_some(folder.path());
-                    bench.networks(subject, material, batch, folder)?;
-                }
+                (Kind::Networks { .. }, None) => unreachable!("networks have engines"),
             }
         }
     }
@@ -138,6 +140,39 @@ pub fn all(subjects: &[Subject], quick: bool, tick: &dyn Fn(u64, u64) -> Control
         peaks: peaks.collect(),
         rows: bench.rows,
     })
+}
+
+/// Everything that runs the networks of one material.
+struct Engines {
+    /// Every tier of this processor, the best last.
+    natives: Vec<(Tier, NativeBackend)>,
+    /// onnxruntime, by queries per call; none without it.
+    orts: Vec<(usize, OrtBackend)>,
+}
+
+impl Engines {
+    fn new(material: &BakedMaterial, with_ort: bool) -> Result<Engines> {
+        let natives = Tier::available().into_iter();
+        let natives = natives.map(|tier| Ok((tier, NativeBackend::new(material, tier)?)));
+        let mut orts = Vec::new();
+        if with_ort {
+            let folder = tempfile::tempdir()?;
+            export(material, folder.path())?;
+            for chunk in ORT_CHUNKS {
+                orts.push((chunk, OrtBackend::new(folder.path())?.with_chunk(chunk)));
+            }
+        }
+        Ok(Engines {
+            natives: natives.collect::<Result<_>>()?,
+            orts,
+        })
+    }
+
+    /// The best tier, and what runs on it.
+    fn best(&self) -> (Tier, &NativeBackend) {
+        let (tier, native) = self.natives.last().expect("every processor has a tier");
+        (*tier, native)
+    }
 }
 
 impl Bench {
@@ -170,7 +205,7 @@ impl Bench {
         let error = |at: &dyn Fn(usize, usize) -> f32| {
             let errors = (0..compared).flat_map(|i| {
                 let truth = truth(i).into_iter().enumerate();
-                truth.map(move |(c, truth)| (f64::from(at(i, c)) - truth).abs() / truth.abs().max(1.0))
+                truth.map(move |(c, truth)| difference(at(i, c), truth))
             });
             errors.fold(0.0, f64::max)
         };
@@ -216,29 +251,21 @@ impl Bench {
         self.run(jobs)
     }
 
-    /// A material's queries on every tier, with bound parameters on the best one, and in onnxruntime from the models in
-    /// `folder`.
+    /// A material's queries on every tier, with bound parameters on the best one, and in onnxruntime.
     fn networks(
         &mut self,
         subject: &Subject,
         material: &BakedMaterial,
+        binning_l1: Option<f64>,
+        engines: &Engines,
         batch: usize,
-        folder: Option<&std::path::Path>,
     ) -> Result<()> {
-        let best = NativeBackend::new(material, Tier::best())?;
-        let natives = Tier::available()
-            .into_iter()
-            .map(|tier| Ok((tier, NativeBackend::new(material, tier)?)));
-        let natives: Vec<(Tier, NativeBackend)> = natives.collect::<bake_runtime::Result<_>>()?;
-        let mut orts = Vec::new();
-        if let Some(folder) = folder {
-            for chunk in ORT_CHUNKS.into_iter().filter(|c| *c <= batch.max(ORT_CHUNKS[0])) {
-                orts.push(OrtBackend::new(folder)?.with_chunk(chunk));
-            }
-        }
-        let free = !material.sample.spec.material.free().is_empty();
-        let shared = Batch::new(material, &best, batch, true)?;
+        let (best_tier, best) = engines.best();
+        let queries = Batch::new(material, best, batch, false)?;
+        let mut shared = Batch::new(material, best, batch, true)?;
         let bound = best.bind(&shared.shared())?;
+        shared.unbound();
+        let free = !material.sample.spec.material.free().is_empty();
         let charts = material.sample.spec.charts().map_or(0, |c| c.anchors.len());
         let estimators = [
             (Estimator::Learned, true),
@@ -248,45 +275,39 @@ impl Bench {
             (Estimator::Pdf, true),
             (Estimator::ExactPdf, charts > 0),
         ];
-        let binning = match &subject.kind {
-            Kind::Networks { binning_l1, .. } => *binning_l1,
-            Kind::Layers(..) => None,
-        };
         for (estimator, _) in estimators.into_iter().filter(|(_, offered)| *offered) {
-            let mut jobs = Vec::new();
             let multiply_adds = estimator.multiply_adds(material);
-            let truths = Batch::new(material, &best, batch, false)?.truths(material, estimator);
-            for (tier, native) in &natives {
-                let mut queries = Batch::new(material, &best, batch, false)?;
-                queries.answer(Engine::Native(native), estimator)?;
-                let mut row = Row::new(subject, "native", Some(*tier), estimator, batch);
+            let truths = queries.truths(material, estimator);
+            let row = |backend, tier| {
+                let row = Row::new(subject, backend, tier, estimator, batch);
+                Row { binning_l1, ..row }
+            };
+            let compared = |mut row: Row, engine| -> Result<Job> {
+                let mut queries = queries.clone();
+                queries.answer(engine, estimator)?;
                 row.max_abs_error = Some(queries.largest_error(&truths));
-                row.binning_l1 = binning;
-                jobs.push(Job::new(row, multiply_adds, move || {
-                    queries.answer(Engine::Native(native), estimator)
-                }));
+                let run = move || queries.answer(engine, estimator);
+                Ok(Job::new(row, multiply_adds, run))
+            };
+            let mut jobs = Vec::new();
+            for (tier, native) in &engines.natives {
+                jobs.push(compared(row("native", Some(*tier)), Engine::Native(native))?);
             }
             if free {
-                let mut queries = Batch::new(material, &best, batch, true)?;
-                let mut row = Row::new(subject, "native", Some(Tier::best()), estimator, batch);
-                row.bound = true;
-                row.binning_l1 = binning;
-                queries.unbound();
-                let bound = &bound;
-                jobs.push(Job::new(row, None, move || {
-                    queries.answer(Engine::Native(bound), estimator)
-                }));
+                let (mut queries, bound) = (shared.clone(), &bound);
+                let row = Row {
+                    bound: true,
+                    ..row("native", Some(best_tier))
+                };
+                let run = move || queries.answer(Engine::Native(bound), estimator);
+                jobs.push(Job::new(row, None, run));
             }
-            let runs = !matches!(estimator, Estimator::Mixture | Estimator::ExactPdf);
-            for ort in orts.iter().filter(|_| runs) {
-                let mut queries = Batch::new(material, &best, batch, false)?;
-                queries.answer(Engine::Ort(ort), estimator)?;
-                let mut row = Row::new(subject, "ort", None, estimator, batch);
-                row.max_abs_error = Some(queries.largest_error(&truths));
-                row.binning_l1 = binning;
-                jobs.push(Job::new(row, multiply_adds, move || {
-                    queries.answer(Engine::Ort(ort), estimator)
-                }));
+            let in_graph = !matches!(estimator, Estimator::Mixture | Estimator::ExactPdf);
+            // A chunk that is longer than the batch is the same as the shortest that is.
+            let chunks = engines.orts.iter();
+            let chunks = chunks.filter(|(chunk, _)| in_graph && *chunk <= batch.max(ORT_CHUNKS[0]));
+            for (_, ort) in chunks {
+                jobs.push(compared(row("ort", None), Engine::Ort(ort))?);
             }
             self.run(jobs)?;
         }
@@ -326,7 +347,7 @@ impl Bench {
         let peaks: BTreeMap<&str, f64> = highest.collect();
         let mut finished: Vec<Row> = Vec::new();
         for mut job in jobs {
-            let seconds = median(job.seconds) / job.row.batch as f64;
+            let seconds = median(&job.seconds) / job.row.batch as f64;
             job.row.ns_per_query = seconds * 1e9;
             job.row.gflops = job.multiply_adds.map(|n| 2.0 * n as f64 / seconds * 1e-9);
             let peak = peaks[job.row.tier.unwrap_or(Tier::best().name())];
@@ -389,9 +410,4 @@ impl<'a> Job<'a> {
             spent: 0.0,
         }
     }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -4,7 +4,7 @@ use bake_runtime::bsdf::direction;
 use bake_runtime::native::NativeBackend;
 use bake_runtime::onnxruntime::OrtBackend;
 use bake_runtime::{Backend, BakedMaterial, Network, Points, Result, Rng, oracle};
-use bake_train::card::is_next_to_a_jump;
+use bake_train::card::{difference, is_next_to_a_jump};
 use serde::Serialize;
 
 /// Largest polar angle of the queries, degrees.
@@ -95,6 +95,7 @@ fn with_tangents(network: &Network) -> usize {
 }
 
 /// A batch of random queries of one material, and room for its answers.
+#[derive(Clone)]
 pub struct Batch {
     params: Vec<Vec<f32>>,
     wo: [Vec<f32>; 3],
@@ -207,13 +208,8 @@ impl Batch {
             let Some(truth) = truth else {
                 continue;
             };
-            for (column, truth) in self.out.iter().zip(truth) {
-                let error = (f64::from(column[i]) - truth).abs() / truth.abs().max(1.0);
-                largest = if error.is_finite() {
-                    largest.max(error)
-                } else {
-                    f64::MAX
-                };
+            for (column, &truth) in self.out.iter().zip(truth) {
+                largest = largest.max(difference(column[i], truth));
             }
         }
         largest

@@ -2,6 +2,7 @@
 //!
 //! Times are medians of interleaved rounds, so that a drifting clock hits all rows alike.
 
+use super::median;
 use crate::Tick;
 use crate::error::{Error, Result};
 use crate::lobes::LUMINANCE;
@@ -223,12 +224,6 @@ fn lap(bsdf: &dyn Bsdf, wo: DVec3) -> [f64; 3] {
         black_box(bsdf.eval(wo, *wi, &mut rng(i)));
     }
     [sample, propose, ns(start)]
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// Variance over squared mean of the luminance weight of `sample`.

@@ -23,7 +23,7 @@ mod weights;
 
 pub use cost::Cost;
 pub use judgement::Bias;
-pub use parity::{Parity, is_next_to_a_jump};
+pub use parity::{Parity, difference, is_next_to_a_jump};
 pub use summary::{PlaceErrors, Spread, StratumErrors};
 pub use training::{MapsUsed, PaperTraining, Recipe, TrainingCost};
 

@@ -129,21 +129,23 @@ pub fn is_next_to_a_jump(
     }
 }
 
-/// Largest |a − b| / max(1, |b|) of the queries that have an answer; b gives output c of query i. What is no finite number
-/// is as far off as can be.
+/// |a − b| / max(1, |b|); what is no finite number is as far off as can be.
+pub fn difference(a: f32, b: f64) -> f64 {
+    let difference = (f64::from(a) - b).abs() / b.abs().max(1.0);
+    if difference.is_finite() {
+        difference
+    } else {
+        f64::MAX
+    }
+}
+
+/// Largest [`difference`] of the queries that have an answer; b gives output c of query i.
 fn largest(a: &[Vec<f32>], truth: &[Option<[f64; OUTPUTS]>], b: impl Fn(usize, usize) -> f64) -> f64 {
     let answered = (0..QUERIES).filter(|i| truth[*i].is_some());
     let differences = answered.flat_map(|i| {
         let b = &b;
-        a.iter().enumerate().map(move |(c, column)| {
-            let b = b(c, i);
-            let difference = (f64::from(column[i]) - b).abs() / b.abs().max(1.0);
-            if difference.is_finite() {
-                difference
-            } else {
-                f64::MAX
-            }
-        })
+        let columns = a.iter().enumerate();
+        columns.map(move |(c, column)| difference(column[i], b(c, i)))
     });
     differences.fold(0.0, f64::max)
 }
