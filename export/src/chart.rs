@@ -4,7 +4,7 @@
 use crate::anchor::Start;
 use crate::boost::Boost;
 use crate::features::Point;
-use crate::frame::{Frame, Square};
+use crate::frame::{Frame, Square, normalized};
 use crate::graph::{Graph, Value};
 use crate::layers::forward;
 use bake_runtime::Network;
@@ -118,7 +118,8 @@ impl Chart {
             None => (v, area),
             Some(boost) => {
                 let (w, scale) = boost.apply(g, v);
-                (w, g.mul(scale, area))
+                // The boost multiplies what rounding left of 1 in the length of v.
+                (normalized(g, w), g.mul(scale, area))
             }
         };
         (g.concat(&w), area)

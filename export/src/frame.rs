@@ -123,6 +123,13 @@ fn square_to_hemisphere(g: &mut Graph, square: &Square) -> [Value; 3] {
     [x, y, g.unary("Sqrt", z2)]
 }
 
+/// `v` of length 1.
+pub fn normalized(g: &mut Graph, v: [Value; 3]) -> [Value; 3] {
+    let n2 = squared_length(g, v);
+    let n = g.unary("Sqrt", n2);
+    v.map(|c| g.div(c, n))
+}
+
 fn squared_length(g: &mut Graph, v: [Value; 3]) -> Value {
     let [xx, yy, zz] = v.map(|c| g.mul(c, c));
     let xy = g.add(xx, yy);
