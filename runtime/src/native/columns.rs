@@ -1,7 +1,7 @@
 //! What the columns of a block of sums are, and what an activation does to a row of them.
 
 use super::math::sigmoid;
-use super::vector::Vector;
+use super::vector::{Several, Vector};
 
 /// Columns of a block with tangents: the value and its derivatives along two inputs.
 pub const TANGENT_COLUMNS: usize = 3;
@@ -11,8 +11,24 @@ pub trait Columns<V: Vector, const N: usize> {
     /// What the bias adds to each column.
     fn bias(bias: V) -> [V; N];
 
-    /// `A` on a row.
-    fn finish<A: Activate>(sum: [V; N]) -> [V; N];
+    /// `A` on `R` rows in step.
+    fn finish<A: Activate, const R: usize>(rows: &mut [[V; N]; R]);
+
+    /// `A` on all rows, as many in step as hide what each waits for.
+    #[inline(always)]
+    fn finish_all<A: Activate>(rows: &mut [[V; N]]) {
+        let mut rest = rows;
+        if N <= TANGENT_COLUMNS && V::REGISTERS >= 32 {
+            let groups;
+            (groups, rest) = rest.as_chunks_mut();
+            for group in groups {
+                Self::finish::<A, 8>(group);
+            }
+        }
+        for row in rest.as_chunks_mut().0 {
+            Self::finish::<A, 1>(row);
+        }
+    }
 }
 
 /// `N` independent queries per lane.
@@ -28,11 +44,10 @@ impl<V: Vector, const N: usize> Columns<V, N> for Values {
     }
 
     #[inline(always)]
-    fn finish<A: Activate>(mut sum: [V; N]) -> [V; N] {
-        for value in &mut sum {
+    fn finish<A: Activate, const R: usize>(rows: &mut [[V; N]; R]) {
+        for value in rows.as_flattened_mut() {
             *value = A::value(*value);
         }
-        sum
     }
 }
 
@@ -43,8 +58,19 @@ impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Tangents {
     }
 
     #[inline(always)]
-    fn finish<A: Activate>(sum: [V; TANGENT_COLUMNS]) -> [V; TANGENT_COLUMNS] {
-        A::tangents(sum)
+    fn finish<A: Activate, const R: usize>(rows: &mut [[V; TANGENT_COLUMNS]; R]) {
+        let mut columns = [Several([rows[0][0]; R]); TANGENT_COLUMNS];
+        for (r, row) in rows.iter().enumerate() {
+            for (column, value) in columns.iter_mut().zip(row) {
+                column.0[r] = *value;
+            }
+        }
+        let columns = A::tangents(columns);
+        for (r, row) in rows.iter_mut().enumerate() {
+            for (value, column) in row.iter_mut().zip(&columns) {
+                *value = column.0[r];
+            }
+        }
     }
 }
 

@@ -2,11 +2,9 @@
 
 use super::batch::Tiles;
 use super::math::exp;
-use super::place::Place;
 use super::program::Program;
 use super::scratch::Work;
-use super::stack::Buffers;
-use super::tile::{Column, finite_or_zero, read_directions, write};
+use super::tile::{Column, Tile, finite_or_zero, read_directions, write};
 use super::vector::{Simd, Task, Vector};
 use crate::backend::Points;
 use crate::error::Result;
@@ -46,30 +44,26 @@ impl Densities {
         }
     }
 
-    /// The parts of the tile that begins at `start`, of which the first `live` queries count, for light from `wi`, not folded
-    /// yet; `K` is the number of outputs per chart.
+    /// The parts of `tile` for light from `wi`, not folded yet, which is left folded; `K` is the number of outputs per chart.
     #[inline(always)]
     pub fn parts<S: Simd<Vector = V>, V: Vector, const N: usize, const K: usize>(
         &self,
         simd: S,
-        points: Points,
-        [start, live]: [usize; 2],
-        wi: [Column<V, N>; 3],
-        values: &mut Buffers<V, N>,
+        tile: Tile,
+        wi: &mut [Column<V, N>; 3],
+        work: Work<V, N>,
     ) -> Parts<V, N, K> {
         let zero = simd.splat(0.0);
         let mut parts = Parts {
             charts: [[[zero; N]; K]; CHARTS_MAX],
             validity: [zero; N],
         };
-        simd.enter(Tile {
+        simd.enter(Measure {
             simd,
             densities: self,
-            points,
-            start,
-            live,
+            tile,
             wi,
-            values,
+            work,
             parts: &mut parts,
         });
         parts
@@ -77,25 +71,24 @@ impl Densities {
 }
 
 /// [`Densities::parts`]: a task of its own, so that all queries share one copy of its code.
-struct Tile<'a, S: Simd, const N: usize, const K: usize> {
+struct Measure<'a, S: Simd, const N: usize, const K: usize> {
     simd: S,
     densities: &'a Densities,
-    points: Points<'a>,
-    start: usize,
-    live: usize,
-    wi: [Column<S::Vector, N>; 3],
-    values: &'a mut Buffers<S::Vector, N>,
+    tile: Tile<'a>,
+    wi: &'a mut [Column<S::Vector, N>; 3],
+    work: Work<'a, S::Vector, N>,
     parts: &'a mut Parts<S::Vector, N, K>,
 }
 
-impl<S: Simd, const N: usize, const K: usize> Task for Tile<'_, S, N, K> {
+impl<S: Simd, const N: usize, const K: usize> Task for Measure<'_, S, N, K> {
     #[inline(always)]
     fn run(self) {
-        let (simd, mut wi) = (self.simd, self.wi);
+        let Measure { simd, tile, wi, .. } = self;
         let Densities { program, role } = self.densities;
-        let (zero, values) = (simd.splat(0.0), self.values);
-        let mut place = Place::read(simd, program, self.points, self.start, self.live, values);
-        place.cameras.fold_lights(&mut wi);
+        let Work { values, place, .. } = self.work;
+        let zero = simd.splat(0.0);
+        place.read(simd, program, tile, values);
+        place.cameras.fold_lights(wi);
         let mut local = [[[zero; N]; 3]; CHARTS_MAX];
         let mut density = [[simd.splat(1.0); N]; CHARTS_MAX];
         if let Some(frames) = &program.frames {
@@ -118,11 +111,11 @@ impl<S: Simd, const N: usize, const K: usize> Task for Tile<'_, S, N, K> {
                 }
             }
         }
-        let mut scalars = place.scalars();
+        let mut scalars = place.scalars(&tile);
         scalars.wi = &wi[..2];
         scalars.local = local.each_ref().map(|local| local.as_slice());
         scalars.encode(simd, &program.inputs, values);
-        let rows = values.run(simd, &program.net, self.live);
+        let rows = values.run(simd, &program.net, tile.live);
         let max = EXPONENT_MAX as f32;
         let charts = self.parts.charts.iter_mut().zip(rows.chunks_exact(K));
         for ((parts, rows), density) in charts.zip(&density) {
@@ -153,10 +146,13 @@ impl<S: Simd, const K: usize> Tiles<S::Vector> for Density<'_, S, K> {
     #[inline(always)]
     fn tile<const N: usize>(&mut self, start: usize, live: usize, work: Work<S::Vector, N>) {
         let two = self.densities.program.charts() == CHARTS_MAX;
-        let wi = read_directions(self.simd, self.wi, start);
-        let parts: Parts<S::Vector, N, K> =
-            self.densities
-                .parts(self.simd, self.points, [start, live], wi, work.values);
+        let mut wi = read_directions(self.simd, self.wi, start);
+        let tile = Tile {
+            points: self.points,
+            start,
+            live,
+        };
+        let parts: Parts<S::Vector, N, K> = self.densities.parts(self.simd, tile, &mut wi, work);
         for (k, out) in self.out.iter_mut().enumerate() {
             for q in 0..N {
                 let mut value = parts.charts[0][k][q];

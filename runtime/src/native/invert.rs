@@ -8,12 +8,11 @@
 use super::batch::Tiles;
 use super::head::is_inside;
 use super::math::{EXP_MAX, exp, ln};
-use super::place::Place;
 use super::sample::Sampler;
 use super::scratch::Work;
 use super::shift::Shifter;
 use super::square::hemisphere_to_square;
-use super::tile::{Column, finite_or_zero, is_finite, read_directions, write};
+use super::tile::{Column, Tile, finite_or_zero, is_finite, read_directions, write};
 use super::vector::{Simd, Task, Vector, lanes};
 use crate::backend::Points;
 use crate::oracle::{DET_MIN, STEP_MAX};
@@ -50,22 +49,22 @@ impl Inversions {
 }
 
 impl Sampler {
-    /// Of every chart its share times its density at `wi`, sr⁻¹; directions are folded as the cameras of `place`. Zeros on
+    /// Of every chart its share times its density at `wi`, sr⁻¹; directions are folded as the cameras of the place in `work`. Zeros on
     /// the disk, whose map need not be one to one.
     #[inline(always)]
     pub fn invert<S: Simd<Vector = V>, V: Vector, const N: usize>(
         &self,
         simd: S,
-        place: &Place<V, N>,
+        tile: Tile,
         wi: &[Column<V, N>; 3],
         work: Work<V, N>,
         inversions: &mut Inversions,
     ) -> [Column<V, N>; CHARTS_MAX] {
         let mut parts = [[simd.splat(0.0); N]; CHARTS_MAX];
-        simd.enter(Tile {
+        simd.enter(Invert {
             simd,
             sampler: self,
-            place,
+            tile,
             wi,
             work,
             inversions,
@@ -76,26 +75,30 @@ impl Sampler {
 }
 
 /// [`Sampler::invert`]: a task of its own, so that both of its callers share one copy of its code.
-struct Tile<'t, 'a, S: Simd, const N: usize> {
+struct Invert<'a, S: Simd, const N: usize> {
     simd: S,
-    sampler: &'t Sampler,
-    place: &'t Place<'a, S::Vector, N>,
-    wi: &'t [Column<S::Vector, N>; 3],
-    work: Work<'t, S::Vector, N>,
-    inversions: &'t mut Inversions,
-    parts: &'t mut [Column<S::Vector, N>; CHARTS_MAX],
+    sampler: &'a Sampler,
+    tile: Tile<'a>,
+    wi: &'a [Column<S::Vector, N>; 3],
+    work: Work<'a, S::Vector, N>,
+    inversions: &'a mut Inversions,
+    parts: &'a mut [Column<S::Vector, N>; CHARTS_MAX],
 }
 
-impl<S: Simd, const N: usize> Task for Tile<'_, '_, S, N> {
+impl<S: Simd, const N: usize> Task for Invert<'_, S, N> {
     #[inline(always)]
     fn run(self) {
-        let Tile { simd, place, wi, .. } = self;
+        let Invert { simd, tile, wi, .. } = self;
         let Sampler { program, shift } = self.sampler;
-        let Work { values, slopes } = self.work;
+        let Work {
+            values,
+            slopes,
+            place,
+        } = self.work;
         let mut shifter = Shifter {
             shift,
             buffers: slopes,
-            live: place.live,
+            live: tile.live,
         };
         let (zero, one) = (simd.splat(0.0), simd.splat(1.0));
         let Some(frames) = &program.frames else {
@@ -103,12 +106,12 @@ impl<S: Simd, const N: usize> Task for Tile<'_, '_, S, N> {
         };
         for c in 0..frames.charts() {
             let chart = [if c == 0 { one } else { -one }; N];
-            let mut scalars = place.scalars();
+            let mut scalars = place.scalars(&tile);
             scalars.chart = std::slice::from_ref(&chart);
             // Where u alone enters, there is one feature of weight 0.
             values.input()[0] = [zero; N];
             scalars.encode(simd, &shift.other_inputs, values);
-            let sums = values.sums(simd, &shift.others, place.live);
+            let sums = values.sums(simd, &shift.others, tile.live);
             for (q, part) in self.parts[c].iter_mut().enumerate() {
                 let w = [wi[0][q], wi[1][q], wi[2][q]];
                 let (local, density) = place.chart(frames, c, q).to_local(w);
@@ -256,13 +259,20 @@ impl<S: Simd> Tiles<S::Vector> for ExactPdf<'_, S> {
     }
 
     #[inline(always)]
-    fn tile<const N: usize>(&mut self, start: usize, live: usize, work: Work<S::Vector, N>) {
+    fn tile<const N: usize>(&mut self, start: usize, live: usize, mut work: Work<S::Vector, N>) {
         let program = &self.sampler.program;
-        let mut place = Place::read(self.simd, program, self.points, start, live, work.values);
+        let tile = Tile {
+            points: self.points,
+            start,
+            live,
+        };
+        work.place.read(self.simd, program, tile, work.values);
         let mut wi = read_directions(self.simd, self.wi, start);
-        place.cameras.fold_lights(&mut wi);
-        let [first, second] = self.sampler.invert(self.simd, &place, &wi, work, self.inversions);
-        let validity = place.cameras.validity;
+        work.place.cameras.fold_lights(&mut wi);
+        let [first, second] = self
+            .sampler
+            .invert(self.simd, tile, &wi, work.again(), self.inversions);
+        let validity = work.place.cameras.validity;
         for (q, (first, second)) in first.into_iter().zip(second).enumerate() {
             let value = finite_or_zero(first + second, validity[q]);
             write(value, self.pdf, start, q);

@@ -24,9 +24,7 @@ impl Layer {
             block.rows::<C, A>(out);
             if !A::IS_SHORT {
                 // Once for the whole panel: after every block, the processor would wait for the end of the formula.
-                for row in out {
-                    *row = C::finish::<A>(*row);
-                }
+                C::finish_all::<A>(out);
             }
         }
     }
@@ -79,9 +77,7 @@ impl<V: Vector, const N: usize> Block<'_, V, N> {
             // Whole first: a loop that picks rows out of the sums would keep them in memory throughout.
             *out = self.sums::<C, R>(at + R * block);
             if A::IS_SHORT {
-                for row in out {
-                    *row = C::finish::<A>(*row);
-                }
+                C::finish::<A, R>(out);
             }
         }
         at + R * blocks.len()

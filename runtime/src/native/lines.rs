@@ -95,7 +95,10 @@ impl Layer {
             for (sum, bias) in sums.iter_mut().zip(bias) {
                 *sum = *sum + bias;
             }
-            for (value, line) in C::finish::<A>(*sums).into_iter().zip(&mut *to) {
+        }
+        C::finish::<A, B>(&mut sums);
+        for (b, sums) in sums.iter().enumerate() {
+            for (value, line) in sums.iter().zip(&mut *to) {
                 value.write(&mut V::arrays_mut(line)[first + b]);
             }
         }

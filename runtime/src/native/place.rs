@@ -6,7 +6,7 @@ use super::encode::{Feature, Scalars};
 use super::math::sigmoid;
 use super::program::{Program, bind_first_layer, renumbered};
 use super::stack::{Buffers, Stack};
-use super::tile::{Cameras, Column, read_parameter};
+use super::tile::{Cameras, Column, Tile, read_parameter};
 use super::vector::{Simd, Task, Vector};
 use crate::anchor::{ANCHOR_SCALARS, Anchor};
 use crate::backend::Points;
@@ -70,14 +70,8 @@ impl Frames {
     }
 }
 
-/// The shading points of one tile.
-pub struct Place<'a, V, const N: usize> {
-    /// The batch.
-    pub points: Points<'a>,
-    /// The tile's first query.
-    pub start: usize,
-    /// Queries of the tile that count.
-    pub live: usize,
+/// The shading points of one tile. Kept where it is from tile to tile: it is large, and nothing moves it.
+pub struct Place<V, const N: usize> {
     /// The cameras.
     pub cameras: Cameras<V, N>,
     mirror: [Start<V>; N],
@@ -85,45 +79,45 @@ pub struct Place<'a, V, const N: usize> {
     frames: [Column<V, N>; OUTPUTS_MAX],
 }
 
-impl<'a, V: Vector, const N: usize> Place<'a, V, N> {
-    /// Reads the tile of `points` that begins at `start`, of which the first `live` queries count, and runs the frame network
-    /// of `program`.
-    #[inline(always)]
-    pub fn read<S: Simd<Vector = V>>(
-        simd: S,
-        program: &Program,
-        points: Points<'a>,
-        start: usize,
-        live: usize,
-        buffers: &mut Buffers<V, N>,
-    ) -> Self {
-        let zero = simd.splat(0.0);
-        let mut place = Place {
-            points,
-            start,
-            live,
-            cameras: Cameras::read(simd, program.symmetry, &points, start),
+impl<V: Vector, const N: usize> Place<V, N> {
+    /// No points yet; see [`Place::read`].
+    pub fn none(zero: V) -> Self {
+        Place {
+            cameras: Cameras::none(zero),
             mirror: [Start::identity(zero); N],
             anchor: [[zero; N]; ANCHOR_SCALARS],
             frames: [[zero; N]; OUTPUTS_MAX],
-        };
+        }
+    }
+
+    /// Reads `tile`, and runs the frame network of `program`.
+    #[inline(always)]
+    pub fn read<S: Simd<Vector = V>>(
+        &mut self,
+        simd: S,
+        program: &Program,
+        tile: Tile,
+        buffers: &mut Buffers<V, N>,
+    ) {
+        self.cameras
+            .read(simd, program.symmetry, &tile.points, tile.start);
         if let Some(frames) = &program.frames {
             simd.enter(Predict {
                 simd,
                 frames,
-                place: &mut place,
+                tile,
+                place: self,
                 buffers,
             });
         }
-        place
     }
 
-    /// What inputs are made of, as far as neither u nor wi is concerned.
+    /// What inputs are made of in `tile`, as far as neither u nor wi is concerned.
     #[inline(always)]
-    pub fn scalars(&self) -> Scalars<'_, V, N> {
+    pub fn scalars<'s>(&'s self, tile: &Tile<'s>) -> Scalars<'s, V, N> {
         Scalars {
-            params: self.points.params,
-            start: self.start,
+            params: tile.points.params,
+            start: tile.start,
             wo: &self.cameras.wo,
             anchor: &self.anchor,
             u: &[],
@@ -176,26 +170,28 @@ impl<'a, V: Vector, const N: usize> Place<'a, V, N> {
 }
 
 /// The part of [`Place::read`] that charts need: a task of its own, so that all queries share one copy of its code.
-struct Predict<'t, 'a, S: Simd, const N: usize> {
+struct Predict<'a, S: Simd, const N: usize> {
     simd: S,
-    frames: &'t Frames,
-    place: &'t mut Place<'a, S::Vector, N>,
-    buffers: &'t mut Buffers<S::Vector, N>,
+    frames: &'a Frames,
+    tile: Tile<'a>,
+    place: &'a mut Place<S::Vector, N>,
+    buffers: &'a mut Buffers<S::Vector, N>,
 }
 
-impl<S: Simd, const N: usize> Task for Predict<'_, '_, S, N> {
+impl<S: Simd, const N: usize> Task for Predict<'_, S, N> {
     #[inline(always)]
     fn run(self) {
         let Predict {
             simd,
             frames,
+            tile,
             place,
             buffers,
         } = self;
         if frames.mirror {
             let [x, y] = frames.alpha;
-            let x: Column<S::Vector, N> = roughness(simd, x, &place.points, place.start);
-            let y: Column<S::Vector, N> = roughness(simd, y, &place.points, place.start);
+            let x: Column<S::Vector, N> = roughness(simd, x, &tile.points, tile.start);
+            let y: Column<S::Vector, N> = roughness(simd, y, &tile.points, tile.start);
             for q in 0..N {
                 place.mirror[q] = Start::mirror(place.cameras.wo(q), [x[q], y[q]]);
             }
@@ -207,9 +203,9 @@ impl<S: Simd, const N: usize> Task for Predict<'_, '_, S, N> {
                 }
             }
         }
-        place.scalars().encode(simd, &frames.inputs, buffers);
+        place.scalars(&tile).encode(simd, &frames.inputs, buffers);
         buffers.keep(frames.net.inputs);
-        let rows = buffers.run(simd, &frames.net, place.live);
+        let rows = buffers.run(simd, &frames.net, tile.live);
         for (column, row) in place.frames.iter_mut().zip(rows) {
             *column = *row;
         }

@@ -10,8 +10,7 @@ use super::program::Program;
 use super::scratch::Work;
 use super::shift::{Shift, Shifter};
 use super::square::square_to_hemisphere;
-use super::stack::Buffers;
-use super::tile::{Column, finite_or_zero, is_finite, read, write};
+use super::tile::{Column, Tile, finite_or_zero, is_finite, read, write};
 use super::vector::{Simd, Vector};
 use crate::backend::Points;
 use crate::error::Result;
@@ -50,22 +49,20 @@ impl Sampler {
         Sampler::of(self.program.bound(values))
     }
 
-    /// Reads the tile that begins at `start`, of which the first `live` queries count, runs the frame network, draws charts and
-    /// leaves the network's features in `values`.
+    /// Reads `tile`, runs the frame network, draws charts and leaves the network's features in the values of `work`.
     #[inline(always)]
-    fn draw<'a, S: Simd<Vector = V>, V: Vector, const N: usize>(
+    fn draw<S: Simd<Vector = V>, V: Vector, const N: usize>(
         &self,
         simd: S,
-        points: Points<'a>,
+        tile: Tile,
         u: [&[f32]; 2],
-        [start, live]: [usize; 2],
-        values: &mut Buffers<V, N>,
-    ) -> Draw<'a, V, N> {
-        let place = Place::read(simd, &self.program, points, start, live, values);
+        work: Work<V, N>,
+    ) -> Draw<V, N> {
+        let Work { values, place, .. } = work;
+        place.read(simd, &self.program, tile, values);
         let one = simd.splat(1.0);
         let mut draw = Draw {
-            place,
-            u: [read(simd, u[0], start), read(simd, u[1], start)],
+            u: [read(simd, u[0], tile.start), read(simd, u[1], tile.start)],
             rest: [[one; N]; 2],
             chart: [one; N],
             share: [one; N],
@@ -79,7 +76,7 @@ impl Sampler {
         if self.program.charts() == CHARTS_MAX {
             let edge = U_MIN as f32;
             for q in 0..N {
-                let (share, u) = (draw.place.share(q), draw.u[0][q]);
+                let (share, u) = (place.share(q), draw.u[0][q]);
                 let other = one - share;
                 let first = u.less(share);
                 draw.chart[q] = V::select(first, one, -one);
@@ -92,7 +89,7 @@ impl Sampler {
                 draw.rest[0][q] = rest.clamp(edge, 1.0 - edge);
             }
         }
-        let mut scalars = draw.place.scalars();
+        let mut scalars = place.scalars(&tile);
         scalars.u = &draw.u;
         scalars.chart = std::slice::from_ref(&draw.chart);
         scalars.encode(simd, &self.program.inputs, values);
@@ -101,8 +98,7 @@ impl Sampler {
 }
 
 /// What was drawn in one tile before the network said where it lies.
-struct Draw<'a, V, const N: usize> {
-    place: Place<'a, V, N>,
+struct Draw<V, const N: usize> {
     /// In the drawn chart.
     u: [Column<V, N>; 2],
     /// 1 − u, with its own relative precision.
@@ -123,7 +119,7 @@ struct Light<V> {
     validity: V,
 }
 
-impl<V: Vector, const N: usize> Draw<'_, V, N> {
+impl<V: Vector, const N: usize> Draw<V, N> {
     /// The head on the outputs `g` of vector `q`.
     #[inline(always)]
     fn heads(&self, program: &Program, g: [V; 2], q: usize) -> [Head<V>; 2] {
@@ -138,7 +134,7 @@ impl<V: Vector, const N: usize> Draw<'_, V, N> {
 
     /// Where the light of vector `q` is.
     #[inline(always)]
-    fn light(&self, program: &Program, heads: &[Head<V>; 2], q: usize) -> Light<V> {
+    fn light(&self, program: &Program, place: &Place<V, N>, heads: &[Head<V>; 2], q: usize) -> Light<V> {
         let zero = self.chart[q].splat(0.0);
         let (w, area) = match &program.frames {
             Some(frames) => {
@@ -146,17 +142,17 @@ impl<V: Vector, const N: usize> Draw<'_, V, N> {
                 let local = square_to_hemisphere([x.h, y.h], [x.complement, y.complement]);
                 if frames.charts() == CHARTS_MAX {
                     let first = zero.less(self.chart[q]);
-                    let (w, area) = self.place.drawn_chart(frames, first, q).to_direction(local);
+                    let (w, area) = place.drawn_chart(frames, first, q).to_direction(local);
                     (w, area / self.share[q])
                 } else {
-                    self.place.chart(frames, 0, q).to_direction(local)
+                    place.chart(frames, 0, q).to_direction(local)
                 }
             }
             None => disk_direction(heads),
         };
-        let [x, y, z] = self.place.cameras.unfold(w, q);
+        let [x, y, z] = place.cameras.unfold(w, q);
         // A direction that is not finite, of a `wo` far from unit length, is no direction.
-        let validity = self.place.cameras.validity[q] + x.abs() + y.abs() + z;
+        let validity = place.cameras.validity[q] + x.abs() + y.abs() + z;
         Light {
             wi: [
                 finite_or_zero(x, validity),
@@ -185,16 +181,19 @@ impl<S: Simd> Tiles<S::Vector> for Learned<'_, S> {
     }
 
     #[inline(always)]
-    fn tile<const N: usize>(&mut self, start: usize, live: usize, work: Work<S::Vector, N>) {
-        let Work { values, .. } = work;
-        let draw = self
-            .sampler
-            .draw(self.simd, self.points, self.u, [start, live], values);
+    fn tile<const N: usize>(&mut self, start: usize, live: usize, mut work: Work<S::Vector, N>) {
+        let tile = Tile {
+            points: self.points,
+            start,
+            live,
+        };
+        let draw = self.sampler.draw(self.simd, tile, self.u, work.again());
+        let Work { values, place, .. } = work;
         let program = &self.sampler.program;
         let out = values.run(self.simd, &program.net, live);
         for q in 0..N {
             let heads = draw.heads(program, [out[0][q], out[1][q]], q);
-            let light = draw.light(program, &heads, q);
+            let light = draw.light(program, place, &heads, q);
             for (component, out) in light.wi.into_iter().zip(&mut self.wi) {
                 write(component, out, start, q);
             }
@@ -234,16 +233,23 @@ impl<S: Simd> Tiles<S::Vector> for Jacobian<'_, S> {
     }
 
     #[inline(always)]
-    fn tile<const N: usize>(&mut self, start: usize, live: usize, work: Work<S::Vector, N>) {
+    fn tile<const N: usize>(&mut self, start: usize, live: usize, mut work: Work<S::Vector, N>) {
         let (simd, zero) = (self.simd, self.simd.splat(0.0));
-        let Work { values, slopes } = work;
-        let mut draw = self
-            .sampler
-            .draw(simd, self.points, self.u, [start, live], values);
+        let tile = Tile {
+            points: self.points,
+            start,
+            live,
+        };
+        let draw = self.sampler.draw(simd, tile, self.u, work.again());
+        let Work {
+            values,
+            slopes,
+            place,
+        } = work.again();
         let Sampler { program, shift } = self.sampler;
         let mut shifter = Shifter {
             shift,
-            buffers: &mut *slopes,
+            buffers: slopes,
             live,
         };
         let (mut wi, mut jacobian, mut validity) = ([[zero; N]; 3], [zero; N], [zero; N]);
@@ -252,7 +258,7 @@ impl<S: Simd> Tiles<S::Vector> for Jacobian<'_, S> {
             let u = [draw.u[0][q], draw.u[1][q]];
             let [[gx, xx, xy], [gy, yx, yy]] = shifter.after(simd, sums, q, u);
             let heads = draw.heads(program, [gx, gy], q);
-            let light = draw.light(program, &heads, q);
+            let light = draw.light(program, place, &heads, q);
             let (shift_x, shift_y) = (heads[0].by_shift(), heads[1].by_shift());
             let (direct_x, direct_y) = match program.frames {
                 Some(_) => (heads[0].by_u(), heads[1].by_u()),
@@ -274,14 +280,13 @@ impl<S: Simd> Tiles<S::Vector> for Jacobian<'_, S> {
         let parts = match &mut self.partition {
             Partition::None => None,
             Partition::Learned(pdf) => {
-                let parts: Parts<S::Vector, N, 1> = pdf.parts(simd, self.points, [start, live], wi, values);
+                let parts: Parts<S::Vector, N, 1> = pdf.parts(simd, tile, &mut wi, work);
                 let [[first], [second]] = parts.charts;
                 Some([first, second])
             }
             Partition::Exact(inversions) => {
-                draw.place.cameras.fold_lights(&mut wi);
-                let work = Work { values, slopes };
-                Some(self.sampler.invert(simd, &draw.place, &wi, work, inversions))
+                work.place.cameras.fold_lights(&mut wi);
+                Some(self.sampler.invert(simd, tile, &wi, work, inversions))
             }
         };
         for q in 0..N {

@@ -2,6 +2,7 @@
 //! what one material leaves in the cache serves the next.
 
 use super::columns::TANGENT_COLUMNS;
+use super::place::Place;
 use super::stack::Buffers;
 use super::vector::Vector;
 use std::any::Any;
@@ -9,8 +10,8 @@ use std::cell::RefCell;
 
 /// Buffers for batches in tiles of `N` vectors.
 pub struct Scratch<V, const N: usize> {
-    whole: Buffers<V, N>,
-    rest: Buffers<V, 1>,
+    whole: (Buffers<V, N>, Place<V, N>),
+    rest: (Buffers<V, 1>, Place<V, 1>),
     slopes: SlopeBuffers<V>,
 }
 
@@ -28,6 +29,20 @@ pub struct Work<'a, V, const N: usize> {
     pub values: &'a mut Buffers<V, N>,
     /// The same with tangents, one vector at a time.
     pub slopes: &'a mut SlopeBuffers<V>,
+    /// What the networks share before u or wi enters.
+    pub place: &'a mut Place<V, N>,
+}
+
+impl<V, const N: usize> Work<'_, V, N> {
+    /// The same, for a part of the work.
+    #[inline(always)]
+    pub fn again(&mut self) -> Work<'_, V, N> {
+        Work {
+            values: self.values,
+            slopes: self.slopes,
+            place: self.place,
+        }
+    }
 }
 
 impl<V: Vector, const N: usize> Scratch<V, N> {
@@ -35,8 +50,9 @@ impl<V: Vector, const N: usize> Scratch<V, N> {
     #[inline(always)]
     pub fn whole(&mut self) -> Work<'_, V, N> {
         Work {
-            values: &mut self.whole,
+            values: &mut self.whole.0,
             slopes: &mut self.slopes,
+            place: &mut self.whole.1,
         }
     }
 
@@ -44,14 +60,15 @@ impl<V: Vector, const N: usize> Scratch<V, N> {
     #[inline(always)]
     pub fn rest(&mut self) -> Work<'_, V, 1> {
         Work {
-            values: &mut self.rest,
+            values: &mut self.rest.0,
             slopes: &mut self.slopes,
+            place: &mut self.rest.1,
         }
     }
 
     fn fit(&mut self, width: usize, zero: V) {
-        self.whole.fit(width, zero);
-        self.rest.fit(width, zero);
+        self.whole.0.fit(width, zero);
+        self.rest.0.fit(width, zero);
         self.slopes.entry.fit(width, zero);
         self.slopes.layers.fit(width, zero);
     }
@@ -69,8 +86,8 @@ pub fn with<V: Vector, const N: usize>(width: usize, zero: V, run: impl FnOnce(&
         let known = all.iter().position(|any| any.is::<Scratch<V, N>>());
         let index = known.unwrap_or_else(|| {
             all.push(Box::new(Scratch::<V, N> {
-                whole: Buffers::EMPTY,
-                rest: Buffers::EMPTY,
+                whole: (Buffers::EMPTY, Place::none(zero)),
+                rest: (Buffers::EMPTY, Place::none(zero)),
                 slopes: SlopeBuffers {
                     entry: Buffers::EMPTY,
                     layers: Buffers::EMPTY,

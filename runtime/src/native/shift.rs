@@ -1,7 +1,7 @@
 //! The shift g of a warp, or the position on the disk, with its derivatives by u: the part of a sampling network that u
 //! goes through, on a value and two tangents side by side.
 
-use super::columns::{Activate, Linear, Relu, Silu, TANGENT_COLUMNS, Tangents};
+use super::columns::{Activate, Columns, Linear, Relu, Silu, TANGENT_COLUMNS, Tangents};
 use super::encode::{Feature, encode_tangents};
 use super::layer::{Layer, PANEL};
 use super::program::Program;
@@ -168,12 +168,13 @@ impl<V: Vector, const N: usize> Enter<'_, V, N> {
     fn rows<A: Activate>(self) {
         let shift = self.shift;
         let SlopeBuffers { entry, layers } = self.buffers;
-        let entered = self.sums.iter().zip(layers.input());
+        let entry_rows = &mut layers.input()[..self.sums.len()];
+        let entered = self.sums.iter().zip(&mut *entry_rows);
         match shift.constant.as_ref().filter(|_| self.entered) {
             Some([along_x, along_y]) => {
                 for ((sum, row), (&dx, &dy)) in entered.zip(along_x.iter().zip(along_y)) {
                     let x = sum[self.q];
-                    *row = A::tangents([x, x.splat(dx), x.splat(dy)]);
+                    *row = [x, x.splat(dx), x.splat(dy)];
                 }
             }
             None => {
@@ -182,10 +183,11 @@ impl<V: Vector, const N: usize> Enter<'_, V, N> {
                 for ((sum, row), &[x, dx, dy]) in entered.zip(own) {
                     let sum = sum[self.q];
                     let x = if self.entered { sum } else { sum + x };
-                    *row = A::tangents([x, dx, dy]);
+                    *row = [x, dx, dy];
                 }
             }
         }
+        Tangents::finish_all::<A>(entry_rows);
         let rows = layers.layers::<Tangents, A>(&shift.rest);
         *self.out = [rows[0], rows[1]];
     }

@@ -7,6 +7,17 @@ use crate::spec::Symmetry;
 /// The vectors of one tile, one per column.
 pub type Column<V, const N: usize> = [V; N];
 
+/// Which queries of a batch a tile holds.
+#[derive(Clone, Copy)]
+pub struct Tile<'a> {
+    /// The batch.
+    pub points: Points<'a>,
+    /// The tile's first query.
+    pub start: usize,
+    /// Queries of the tile that count.
+    pub live: usize,
+}
+
 /// Queries that one tile of `N` vectors holds.
 pub const fn queries<V: Vector, const N: usize>() -> usize {
     N * V::LANES
@@ -80,22 +91,28 @@ pub struct Cameras<V, const N: usize> {
 const SQUARED_SCALE: f32 = (1u64 << 60) as f32;
 
 impl<V: Vector, const N: usize> Cameras<V, N> {
+    /// No cameras yet; see [`Cameras::read`].
+    pub fn none(zero: V) -> Self {
+        Cameras {
+            wo: [[zero; N]; 3],
+            validity: [zero; N],
+            symmetry: Symmetry::Quadrant,
+            turn: [[zero; N]; 2],
+        }
+    }
+
     /// Reads a tile and folds it by `symmetry`.
     #[inline(always)]
-    pub fn read<S: Simd<Vector = V>>(simd: S, symmetry: Symmetry, points: &Points, start: usize) -> Self {
+    pub fn read<S: Simd<Vector = V>>(&mut self, simd: S, symmetry: Symmetry, points: &Points, start: usize) {
         let (zero, one) = (simd.splat(0.0), simd.splat(1.0));
-        let mut cameras = Cameras {
-            wo: read_directions(simd, points.wo, start),
-            validity: [zero; N],
-            symmetry,
-            turn: [[one; N]; 2],
-        };
+        self.wo = read_directions(simd, points.wo, start);
+        self.symmetry = symmetry;
         let Cameras {
             wo: [x, y, z],
             turn: [turn_x, turn_y],
             validity: valid,
             ..
-        } = &mut cameras;
+        } = self;
         for q in 0..N {
             valid[q] = validity([x[q], y[q], z[q]]);
             let ok = is_finite(valid[q]);
@@ -124,7 +141,6 @@ impl<V: Vector, const N: usize> Cameras<V, N> {
                 *valid = *valid + value.abs();
             }
         }
-        cameras
     }
 
     /// `wo` of vector `q`.

@@ -128,7 +128,7 @@ pub fn lanes<V: Vector>(v: V) -> [f32; LANES_MAX] {
 ///
 /// Loops are spelled out: closures within the standard library's would not be compiled for the tier.
 #[derive(Clone, Copy)]
-pub struct Several<V, const N: usize>([V; N]);
+pub struct Several<V, const N: usize>(pub [V; N]);
 
 impl<V: Vector, const N: usize> Several<V, N> {
     /// `vector`, `N` times.
