@@ -1,14 +1,12 @@
 //! From the scalars of a tile to the features that enter a network: the formulas of [`crate::encoding`] on vectors.
 
 use super::columns::TANGENT_COLUMNS;
-use super::math::{EXP_MAX, decay, exp, half_turns, ln};
+use super::math::{EXP_MAX, decay, exp, half_turns, ln, within_a_turn};
 use super::stack::Buffers;
 use super::tile::{Column, read_parameter};
 use super::vector::{ROUND, Simd, Task, Vector};
 use crate::anchor::ANCHOR_SCALARS;
-use crate::encoding::{
-    Encoding, GRAZING_FEATURES, GRAZING_LOG_OFFSET, Quantity, SCALARS_MAX, SLANT_FEATURES, Scale,
-};
+use crate::encoding::{Encoding, GRAZING_FEATURES, GRAZING_LOG_OFFSET, Quantity, SLANT_FEATURES, Scale};
 use crate::spec::{CHARTS_MAX, Input};
 use std::f32::consts::PI;
 use std::ops::Range;
@@ -138,8 +136,8 @@ impl<S: Simd, const N: usize> Task for Encode<'_, '_, S, N> {
                 out[input.rows.clone()].copy_from_slice(&of_frame[start..start + input.rows.len()]);
                 continue;
             }
-            let mut own = [[simd.splat(0.0); N]; SCALARS_MAX];
-            let mut scalars: &[Column<S::Vector, N>] = match input.quantity {
+            let own;
+            let scalars: &[Column<S::Vector, N>] = match input.quantity {
                 Quantity::U => all.u,
                 Quantity::Wo => all.wo,
                 Quantity::WoDisk => &all.wo[..2],
@@ -148,76 +146,81 @@ impl<S: Simd, const N: usize> Task for Encode<'_, '_, S, N> {
                 Quantity::Anchor => all.anchor,
                 Quantity::Chart => all.chart,
                 Quantity::Parameter(parameter) => {
-                    own[0] = read_parameter(simd, all.params[parameter], all.start);
-                    &own[..1]
+                    own = [read_parameter(simd, all.params[parameter], all.start)];
+                    &own
                 }
             };
-            let mut scaled = [[simd.splat(0.0); N]; SCALARS_MAX];
-            if input.scale != Scale::None {
-                for (to, from) in scaled.iter_mut().zip(scalars) {
-                    for (to, &from) in to.iter_mut().zip(from) {
-                        *to = input.scaled(from);
-                    }
-                }
-                scalars = &scaled[..scalars.len()];
-            }
-            append(input.encoding, scalars, &mut out[input.rows.clone()]);
+            input.append(scalars, &mut out[input.rows.clone()]);
         }
     }
 }
 
-/// [`Encoding::append`] on columns.
+impl Feature {
+    /// [`Encoding::append`] on the columns `scalars`, to `rows`.
+    #[inline(always)]
+    fn append<V: Vector, const N: usize>(&self, scalars: &[Column<V, N>], rows: &mut [Column<V, N>]) {
+        match self.encoding {
+            Encoding::Grazing => {
+                for q in 0..N {
+                    let features = grazing([scalars[0][q], scalars[1][q], scalars[2][q]]);
+                    for (row, &feature) in rows.iter_mut().zip(&features) {
+                        row[q] = feature;
+                    }
+                }
+            }
+            Encoding::Slant => {
+                for q in 0..N {
+                    let features = slant([scalars[0][q], scalars[1][q], scalars[2][q]]);
+                    for (row, &feature) in rows.iter_mut().zip(&features) {
+                        row[q] = feature;
+                    }
+                }
+            }
+            encoding => {
+                for (scalar, rows) in scalars.iter().zip(rows.chunks_exact_mut(encoding.features(1))) {
+                    let mut scaled = *scalar;
+                    if self.scale != Scale::None {
+                        for x in &mut scaled {
+                            *x = self.scaled(*x);
+                        }
+                    }
+                    append_scalar(encoding, scaled, rows);
+                }
+            }
+        }
+    }
+}
+
+/// Writes the features of one scalar to `rows`.
 #[inline(always)]
-fn append<V: Vector, const N: usize>(
+fn append_scalar<V: Vector, const N: usize>(
     encoding: Encoding,
-    scalars: &[Column<V, N>],
+    mut scalar: Column<V, N>,
     rows: &mut [Column<V, N>],
 ) {
     match encoding {
-        Encoding::Identity => rows.copy_from_slice(scalars),
+        // Those of whole directions have been written.
+        Encoding::Identity | Encoding::Grazing | Encoding::Slant => rows[0] = scalar,
         Encoding::Centred => {
-            for (row, scalar) in rows.iter_mut().zip(scalars) {
-                for (to, &s) in row.iter_mut().zip(scalar) {
-                    *to = s + s - s.splat(1.0);
-                }
+            for (to, s) in rows[0].iter_mut().zip(scalar) {
+                *to = s + s - s.splat(1.0);
             }
         }
-        Encoding::Grazing => {
-            for q in 0..N {
-                let features = grazing([scalars[0][q], scalars[1][q], scalars[2][q]]);
-                for (row, &feature) in rows.iter_mut().zip(&features) {
-                    row[q] = feature;
-                }
+        Encoding::Frequency(_) => {
+            for x in &mut scalar {
+                *x = first_turn(*x);
             }
-        }
-        Encoding::Slant => {
-            for q in 0..N {
-                let features = slant([scalars[0][q], scalars[1][q], scalars[2][q]]);
-                for (row, &feature) in rows.iter_mut().zip(&features) {
-                    row[q] = feature;
-                }
-            }
-        }
-        Encoding::Frequency(k) => {
-            for (rows, scalar) in rows.chunks_exact_mut(2 * k).zip(scalars) {
-                let mut x = *scalar;
-                for x in &mut x {
-                    *x = first_turn(*x);
-                }
-                for [sin, cos] in rows.as_chunks_mut::<2>().0 {
-                    for q in 0..N {
-                        (sin[q], cos[q]) = half_turns(x[q]);
-                        x[q] = next_turn(x[q]);
-                    }
+            for [sin, cos] in rows.as_chunks_mut::<2>().0 {
+                for q in 0..N {
+                    (sin[q], cos[q]) = half_turns(scalar[q]);
+                    scalar[q] = next_turn(scalar[q]);
                 }
             }
         }
         Encoding::OneBlob(l) => {
-            for (rows, scalar) in rows.chunks_exact_mut(l).zip(scalars) {
-                for (i, row) in rows.iter_mut().enumerate() {
-                    for (to, &x) in row.iter_mut().zip(scalar) {
-                        *to = blob(x, i, l).0;
-                    }
+            for (i, row) in rows.iter_mut().enumerate() {
+                for (to, &x) in row.iter_mut().zip(&scalar) {
+                    *to = blob(x, i, l).0;
                 }
             }
         }
@@ -272,13 +275,13 @@ fn slopes<V: Vector>(j: usize, value: V, slope: V) -> [V; TANGENT_COLUMNS] {
 /// Half turns that a frequency encoding takes: beyond 2²² every f32 is a whole number of turns, or nearly.
 const HALF_TURNS_MAX: f32 = (1u32 << 22) as f32;
 
-/// x in half turns, as [`half_turns`] takes it.
+/// x in half turns, less whole turns, as [`half_turns`] takes it.
 #[inline(always)]
 fn first_turn<V: Vector>(x: V) -> V {
-    x.clamp(-HALF_TURNS_MAX, HALF_TURNS_MAX)
+    within_a_turn(x.clamp(-HALF_TURNS_MAX, HALF_TURNS_MAX))
 }
 
-/// 2x less whole turns, exactly.
+/// 2x less whole turns for |x| ≤ 1, exactly.
 #[inline(always)]
 fn next_turn<V: Vector>(x: V) -> V {
     let turns = (x + x.splat(ROUND)) - x.splat(ROUND);

@@ -11,7 +11,7 @@ const EXP_ULPS: f64 = 3.0;
 const LN_ULPS: f64 = 3.0;
 /// Stated bound of [`sin_cos`]: one rounding of a small correction and one of the sum.
 const SIN_COS_ULPS: f64 = 2.0;
-/// Stated bound of [`half_turns`]: the product with π is rounded, then as [`sin_cos`].
+/// Stated bound of [`half_turns`]: a sum is rounded where it is about π, and a product next to 1.
 const HALF_TURNS_TOL: f64 = 3e-7;
 /// Stated bound of [`decay`]: 1 − 2ⁿ is up to twice the result, and the series' part is rounded thrice.
 const DECAY_ULPS: f64 = 6.0;
@@ -59,8 +59,8 @@ functions! {
     Ln: |x| ln(x);
     Sin: |x| sin_cos(x).0;
     Cos: |x| sin_cos(x).1;
-    SinTurns: |x| half_turns(x).0;
-    CosTurns: |x| half_turns(x).1;
+    SinTurns: |x| half_turns(within_a_turn(x)).0;
+    CosTurns: |x| half_turns(within_a_turn(x)).1;
     Decay: |x| decay(x);
     Atan: |x| atan(x);
     Reciprocal: |x| x.reciprocal();
