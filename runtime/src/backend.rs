@@ -120,7 +120,8 @@ impl<'a> Points<'a> {
 }
 
 /// Runs the networks of one material on batches. Each array is a structure of arrays: one slice per
-/// component, all of the same length. Any number of threads may call one backend at once. Directions are unit vectors of the shading frame, away from the surface.
+/// component, all of the same length. Any number of threads may call one backend at once. Directions are unit vectors of the
+/// shading frame, away from the surface.
 ///
 /// A query whose `wo` (or `wi`) is not finite or not above the horizon, or one of whose parameters is not finite, gives zeros
 /// and `wi` = (0, 0, 1). Outputs are always finite, also for finite parameters outside of their ranges and for any u.
@@ -141,7 +142,8 @@ pub trait Backend: Send + Sync {
     /// passes.
     ///
     /// With one chart it is the determinant of u ↦ solid angle, and 1/|jacobian| is the density of `wi` where the map does
-    /// not fold; with two it is [`crate::oracle::jacobian`], which takes the pdf network as well.
+    /// not fold; with two it is [`crate::oracle::jacobian`], which takes the pdf network as well. Negative where the map turns
+    /// over, told before `wi` is unfolded by the material's symmetry: mirroring does not change the sign.
     fn sample_jacobian(
         &self,
         points: Points,

@@ -15,6 +15,7 @@ use bake_train::card::difference;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::time::Instant;
 
 /// Queries per call.
@@ -55,7 +56,7 @@ pub struct Row {
     pub bound: bool,
     /// Whether encodings and heads belong to what ran.
     pub encoding_in_graph: bool,
-    /// Median, nanoseconds.
+    /// Median, nanoseconds; of `load` those of all of it.
     pub ns_per_query: f64,
     /// 10⁹ operations a second of the layers' multiply-adds, two for each.
     pub gflops: Option<f64>,
@@ -116,14 +117,23 @@ pub fn all(subjects: &[Subject], quick: bool, tick: &dyn Fn(u64, u64) -> Control
             Kind::Layers(..) => None,
             Kind::Networks { material, .. } => Some(Engines::new(material, with_ort)?),
         };
+        if let Kind::Networks {
+            folder: Some(folder), ..
+        } = &subject.kind
+        {
+            bench.load(subject, folder)?;
+        }
         for (b, &batch) in batches.iter().enumerate() {
             if tick((s * batches.len() + b) as u64, total).is_break() {
                 anyhow::bail!("interrupted; nothing was written");
             }
             match (&subject.kind, &engines) {
-                (Kind::Networks { material, binning_l1 }, Some(engines)) => {
-                    bench.networks(subject, material, *binning_l1, engines, batch)?
-                }
+                (
+                    Kind::Networks {
+                        material, binning_l1, ..
+                    },
+                    Some(engines),
+                ) => bench.networks(subject, material, *binning_l1, engines, batch)?,
                 (Kind::Layers(layers, activation), _) => {
                     bench.layers(subject, layers, *activation, batch, with_ort)?
                 }
@@ -176,6 +186,17 @@ impl Engines {
 }
 
 impl Bench {
+    /// The files of a material, until it can answer on the best tier.
+    fn load(&mut self, subject: &Subject, folder: &Path) -> Result<()> {
+        let tier = Tier::best();
+        let row = Row::new(subject, "native", Some(tier), Estimator::Load, 1);
+        self.run(vec![Job::new(row, None, || {
+            let loaded = NativeBackend::new(&BakedMaterial::load(folder)?, tier)?;
+            std::hint::black_box(loaded);
+            Ok(())
+        })])
+    }
+
     /// Dense layers on every tier, and in onnxruntime without anything around them.
     fn layers(
         &mut self,

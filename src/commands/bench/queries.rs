@@ -36,6 +36,8 @@ pub enum Estimator {
     Pdf,
     /// The sampler's own density, by inversion.
     ExactPdf,
+    /// No query: reading, checking and packing the three files.
+    Load,
 }
 
 impl Estimator {
@@ -49,6 +51,7 @@ impl Estimator {
             Estimator::Eval => "eval",
             Estimator::Pdf => "pdf",
             Estimator::ExactPdf => "exact_pdf",
+            Estimator::Load => "load",
         }
     }
 
@@ -68,7 +71,7 @@ impl Estimator {
                 let pdf = if two { all(&material.pdf) } else { 0 };
                 Some(with_tangents(&material.sample) + pdf)
             }
-            Estimator::Layers | Estimator::Mixture | Estimator::ExactPdf => None,
+            Estimator::Layers | Estimator::Mixture | Estimator::ExactPdf | Estimator::Load => None,
         }
     }
 }
@@ -236,7 +239,7 @@ impl Batch {
             Estimator::ExactPdf => oracle::exact_pdf(network, &params, wo, wi)
                 .filter(|inverted| inverted.unconverged == 0)
                 .map(|inverted| vec![inverted.pdf]),
-            Estimator::Layers => None,
+            Estimator::Layers | Estimator::Load => None,
         }
     }
 }

@@ -55,7 +55,8 @@ pub fn print(results: &Results) {
          operations for every multiply-add of the layers, tangents included; % peak: of independent multiply-adds of the \
          same tier, the highest of the same rounds ({}); of the best tier for ort, which gets its best of three chunk sizes. \
          max error: largest |a − b| / max(1, |b|) against f64. binning: of the sampling network, θ_o ≤ 75°, from the model \
-         card. onnxruntime's `learned` and `jacobian` are one graph.",
+         card. onnxruntime's `learned` and `jacobian` are one graph. \
+         load: from the files to a material that can answer, all of it.",
         peaks.collect::<Vec<_>>().join(", ")
     ));
 }
@@ -90,7 +91,8 @@ fn rows<'a>(results: &'a Results, subject: &'a str, estimator: Estimator) -> imp
 
 /// What one subject's first estimator costs on every backend.
 fn over_batch(results: &Results, subject: &str) -> CurvePanel {
-    let first = results.rows.iter().find(|row| row.subject == subject);
+    let queries = |row: &&Row| row.subject == subject && row.estimator != Estimator::Load;
+    let first = results.rows.iter().find(queries);
     let estimator = first.map_or(Estimator::Layers, |row| row.estimator);
     let mut series: Vec<Series> = Vec::new();
     for row in rows(results, subject, estimator) {

@@ -41,6 +41,8 @@ pub enum Kind {
         material: Box<BakedMaterial>,
         /// Binning error of the sampling network, θ_o ≤ 75°, as its card has it.
         binning_l1: Option<f64>,
+        /// Where its files lie, if it has any.
+        folder: Option<PathBuf>,
     },
 }
 
@@ -81,6 +83,7 @@ fn baked(folder: &Path) -> Result<Subject> {
         kind: Kind::Networks {
             binning_l1: binning,
             material: Box::new(material),
+            folder: Some(folder.to_path_buf()),
         },
     })
 }
@@ -152,6 +155,7 @@ fn networks(what: &str, [depth, width]: [usize; 2], geometry: Geometry) -> Subje
         kind: Kind::Networks {
             material: Box::new(BakedMaterial { sample, eval, pdf }),
             binning_l1: None,
+            folder: None,
         },
     }
 }
