@@ -46,18 +46,21 @@ impl<V: Vector> Start<V> {
         let [x, y, z] = wo;
         let sin2 = x.mul_add(x, y * y);
         let (chord_x, chord_y) = (alpha[1] * x, alpha[0] * y);
-        let chord = chord_x
+        let inverse_chord = chord_x
             .mul_add(chord_x, chord_y * chord_y)
             .max(z.splat(LENGTH_SQUARED_MIN))
-            .sqrt();
-        let d = (alpha[0] * alpha[1] * z.splat(PULL as f32)).mul_add(sin2 / chord, z);
+            .inverse_sqrt();
+        let d = (alpha[0] * alpha[1] * z.splat(PULL as f32)).mul_add(sin2 * inverse_chord, z);
         let one = z.splat(1.0);
-        let scale = one / d.mul_add(d, sin2).sqrt();
+        let scale = d.mul_add(d, sin2).inverse_sqrt();
         let (bx, by, cos) = (x * scale, y * scale, d * scale);
 
         let quarter = z.splat(0.25);
-        let (qx, qy) = (quarter / (alpha[0] * alpha[0]), quarter / (alpha[1] * alpha[1]));
-        let k = one / (one + cos);
+        let (qx, qy) = (
+            quarter.over(alpha[0] * alpha[0]),
+            quarter.over(alpha[1] * alpha[1]),
+        );
+        let k = (one + cos).reciprocal();
         let (sxx, sxy, syy) = (
             (k * by).mul_add(by, cos),
             -(k * bx) * by,
@@ -68,9 +71,10 @@ impl<V: Vector> Start<V> {
         let pyy = (sxy * sxy).mul_add(qx, syy * syy * qy);
         let pxy = sxy * sxx.mul_add(qx, syy * qy);
         let det = (cos * cos * qx).mul_add(qy, (pxx + pyy + least) * least);
-        let (inverse_root, height) = (one / det.sqrt(), (pyy + least).sqrt());
+        let (inverse_root, inverse_height) = (det.inverse_sqrt(), (pyy + least).inverse_sqrt());
+        let height = (pyy + least) * inverse_height;
         Start {
-            frame: [height * inverse_root, one / height, -pxy * inverse_root],
+            frame: [height * inverse_root, inverse_height, -pxy * inverse_root],
             beta: [bx, by],
             cos,
         }
@@ -100,7 +104,7 @@ impl<V: Vector> Start<V> {
             self.cos,
             half_log(x),
             half_log(y),
-            shear / shear.mul_add(shear, one).sqrt(),
+            shear * shear.mul_add(shear, one).inverse_sqrt(),
         ]
     }
 }
@@ -131,7 +135,7 @@ impl<V: Vector> Chart<V> {
         let [log_x, log_y, shear, dx, dy] = outputs;
         let (scale_x, scale_y) = (exp(log_x), exp(log_y));
         let (x, y) = (start.frame[0] * scale_x, start.frame[1] * scale_y);
-        let shear = start.frame[2].mul_add(scale_x / scale_y, shear);
+        let shear = start.frame[2].mul_add(scale_x.over(scale_y), shear);
         Chart {
             frame: [x, y, shear],
             b: [x * dx, y * shear.mul_add(dx, dy)],
@@ -159,27 +163,28 @@ impl<V: Vector> Chart<V> {
             ax.mul_add(x, self.b[0] * z),
             ay.mul_add(shear.mul_add(x, y), self.b[1] * z),
         ];
-        let n = v[0].mul_add(v[0], v[1].mul_add(v[1], z * z)).max(least).sqrt();
+        let n2 = v[0].mul_add(v[0], v[1].mul_add(v[1], z * z)).max(least);
+        let n = n2 * n2.inverse_sqrt();
         let offset = [(-n).mul_add(self.beta[0], v[0]), (-n).mul_add(self.beta[1], v[1])];
         let ncos = n * self.cos;
         let rest = ncos * ncos;
         let p = z.splat(0.5) * offset[0].mul_add(offset[0], offset[1].mul_add(offset[1], z.mul_add(z, rest)));
-        let pull = (rest - p) / (one + self.cos);
+        let pull = (rest - p) * (one + self.cos).reciprocal();
         let w = [
             ncos.mul_add(offset[0], self.beta[0] * pull),
             ncos.mul_add(offset[1], self.beta[1] * pull),
             ncos * z,
         ];
         let length2 = w[0].mul_add(w[0], w[1].mul_add(w[1], w[2] * w[2]));
-        let scale = one / length2.max(least).sqrt();
+        let scale = length2.max(least).inverse_sqrt();
         let direction = [
             w[0] * scale,
             w[1] * scale,
             (w[2] * scale).max(z.splat(f32::MIN_POSITIVE)),
         ];
         // π·det A/(n³·z) times the boost's n⁴·cos²/P², in steps that stay numbers.
-        let squeeze = self.cos / p.max(least);
-        (direction, self.area() * squeeze * (squeeze * n / z))
+        let squeeze = self.cos.over(p.max(least));
+        (direction, self.area() * squeeze * (squeeze * n.over(z)))
     }
 
     /// Unit local direction of the unit direction `w`, and the chart's density there, sr⁻¹: the inverse of
@@ -192,21 +197,21 @@ impl<V: Vector> Chart<V> {
         let rest = self.cos * self.cos;
         // 1 + w·β.
         let p = z.splat(0.5) * offset[0].mul_add(offset[0], offset[1].mul_add(offset[1], z.mul_add(z, rest)));
-        let squeeze = self.cos / p;
-        let pull = (p - rest) / (p * (one + self.cos));
+        let squeeze = self.cos.over(p);
+        let pull = (p - rest).over(p * (one + self.cos));
         let v = [
             squeeze.mul_add(offset[0], self.beta[0] * pull),
             squeeze.mul_add(offset[1], self.beta[1] * pull),
             squeeze * z,
         ];
-        let px = (-self.b[0]).mul_add(v[2], v[0]) / ax;
-        let py = (-shear).mul_add(px, (-self.b[1]).mul_add(v[2], v[1]) / ay);
+        let px = (-self.b[0]).mul_add(v[2], v[0]).over(ax);
+        let py = (-shear).mul_add(px, (-self.b[1]).mul_add(v[2], v[1]).over(ay));
         let m2 = px
             .mul_add(px, py.mul_add(py, v[2] * v[2]))
             .max(z.splat(LENGTH_SQUARED_MIN));
-        let scale = one / m2.sqrt();
+        let scale = m2.inverse_sqrt();
         // The determinant first: it is small where m is large, and m⁴ alone could overflow.
-        let density = v[2] / (self.area() * m2 * m2);
+        let density = v[2].over(self.area() * m2 * m2);
         (
             [px * scale, py * scale, v[2] * scale],
             density * (squeeze * squeeze),

@@ -8,8 +8,8 @@ pub const TANGENT_COLUMNS: usize = 3;
 
 /// What the columns of a block are: where the bias goes and what an activation does to them.
 pub trait Columns<V: Vector, const N: usize> {
-    /// What the bias adds to each column.
-    fn bias(bias: V) -> [V; N];
+    /// Adds the bias to a row of sums.
+    fn add_bias(sums: &mut [V; N], bias: V);
 
     /// `A` on `R` rows in step.
     fn finish<A: Activate, const R: usize>(rows: &mut [[V; N]; R]);
@@ -39,8 +39,10 @@ pub struct Tangents;
 
 impl<V: Vector, const N: usize> Columns<V, N> for Values {
     #[inline(always)]
-    fn bias(bias: V) -> [V; N] {
-        [bias; N]
+    fn add_bias(sums: &mut [V; N], bias: V) {
+        for sum in sums {
+            *sum = *sum + bias;
+        }
     }
 
     #[inline(always)]
@@ -53,8 +55,8 @@ impl<V: Vector, const N: usize> Columns<V, N> for Values {
 
 impl<V: Vector> Columns<V, TANGENT_COLUMNS> for Tangents {
     #[inline(always)]
-    fn bias(bias: V) -> [V; TANGENT_COLUMNS] {
-        [bias, bias.splat(0.0), bias.splat(0.0)]
+    fn add_bias(sums: &mut [V; TANGENT_COLUMNS], bias: V) {
+        sums[0] = sums[0] + bias;
     }
 
     #[inline(always)]

@@ -25,8 +25,8 @@ impl<V: Vector> Head<V> {
         let bent = rest * exp(-g.clamp(-max, max));
         let sum = u + bent;
         Head {
-            h: u / sum,
-            complement: bent / sum,
+            h: u.over(sum),
+            complement: bent.over(sum),
             u,
             rest,
             g,
@@ -48,7 +48,7 @@ impl<V: Vector> Head<V> {
     /// ∂h/∂u at fixed g.
     #[inline(always)]
     pub fn by_u(&self) -> V {
-        self.h * self.complement / (self.u * self.rest)
+        (self.h * self.complement).over(self.u * self.rest)
     }
 }
 

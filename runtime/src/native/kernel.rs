@@ -103,9 +103,7 @@ impl<V: Vector, const N: usize> Block<'_, V, N> {
         // The bias comes last, as in other engines' matrix products: the same order of the same roundings leaves the
         // fewest differences from them.
         for (sum, &bias) in sums.iter_mut().zip(&self.bias[at..at + R]) {
-            for (sum, bias) in sum.iter_mut().zip(C::bias(zero.splat(bias))) {
-                *sum = *sum + bias;
-            }
+            C::add_bias(sum, zero.splat(bias));
         }
         sums
     }

@@ -91,10 +91,7 @@ impl Layer {
             }
         }
         for (b, sums) in sums.iter_mut().enumerate() {
-            let bias = C::bias(zero.load(&V::arrays(self.bias())[first + b]));
-            for (sum, bias) in sums.iter_mut().zip(bias) {
-                *sum = *sum + bias;
-            }
+            C::add_bias(sums, zero.load(&V::arrays(self.bias())[first + b]));
         }
         C::finish::<A, B>(&mut sums);
         for (b, sums) in sums.iter().enumerate() {

@@ -23,13 +23,13 @@ pub fn square_to_hemisphere<V: Vector>(s: [V; 2], complement: [V; 2]) -> [V; 3] 
     // At the centre both are 0; a divisor that is 1 there makes the ratio 0.
     let zero = r.splat(0.0);
     let divisor = V::select(zero.less(r.abs()), r, r.splat(1.0));
-    let (sin, cos) = sin_cos(minor / divisor * r.splat(FRAC_PI_4));
+    let (sin, cos) = sin_cos(minor.over(divisor) * r.splat(FRAC_PI_4));
     let (along, across) = (r * cos, r * sin);
     let z2 = r.splat(4.0) * edge * (r.splat(1.0) - edge);
     [
         V::select(first, along, across),
         V::select(first, across, along),
-        z2.sqrt(),
+        z2 * z2.max(r.splat(f32::MIN_POSITIVE)).inverse_sqrt(),
     ]
 }
 

@@ -87,6 +87,18 @@ pub trait Vector:
     /// 1/self within 2 ULP, for |self| in `[1, 2¹²⁵]`.
     fn reciprocal(self) -> Self;
 
+    /// self/divisor within 2 ULP, where |divisor| is in `[2⁻¹²⁵, 2¹²⁵]` and the result a normal number or 0.
+    #[inline(always)]
+    fn over(self, divisor: Self) -> Self {
+        self / divisor
+    }
+
+    /// 1/√self within 2 ULP, for positive normal numbers.
+    #[inline(always)]
+    fn inverse_sqrt(self) -> Self {
+        self.splat(1.0) / self.sqrt()
+    }
+
     /// Where self < other; false where either is NaN.
     fn less(self, other: Self) -> Self::Mask;
 
@@ -169,7 +181,9 @@ impl<V: Vector, const N: usize> Vector for Several<V, N> {
     type Mask = [V::Mask; N];
     type Array = [V::Array; N];
 
-    in_step! { mul_add(a, b) min(other) max(other) sqrt() abs() reciprocal() scale_exponent(rounded) }
+    in_step! {
+        mul_add(a, b) min(other) max(other) sqrt() abs() reciprocal() over(divisor) inverse_sqrt() scale_exponent(rounded)
+    }
 
     #[inline(always)]
     fn arrays(numbers: &[f32]) -> &[[V::Array; N]] {

@@ -19,8 +19,10 @@ const DECAY_ULPS: f64 = 6.0;
 const ATAN_ULPS: f64 = 4.0;
 /// Stated bound of [`sigmoid`]: some roundings of numbers up to 1.
 const SIGMOID_TOL: f64 = 3e-7;
-/// Stated bound of [`Vector::reciprocal`].
+/// Stated bound of [`Vector::reciprocal`], [`Vector::over`] and [`Vector::inverse_sqrt`].
 const RECIPROCAL_ULPS: f64 = 2.0;
+/// One more rounding, of the divisor.
+const THIRD_ULPS: f64 = RECIPROCAL_ULPS + 1.0;
 
 /// Steps through the bit patterns of a range, odd so that mantissas of all residues are met: the fastest tier sees tens of
 /// millions of numbers of every function, the others a few. All of them are an ignored test's.
@@ -64,6 +66,8 @@ functions! {
     Decay: |x| decay(x);
     Atan: |x| atan(x);
     Reciprocal: |x| x.reciprocal();
+    Third: |x| x.splat(1.0).over(x + x + x);
+    InverseSqrt: |x| x.inverse_sqrt();
 }
 
 /// `F` of every number of `x`, in a function compiled for the tier of `S`.
@@ -200,6 +204,11 @@ fn check<S: Simd>(simd: S, tier: &str, stride: u32) {
     );
     let reciprocal = worst::<S, Reciprocal>(simd, |x| 1.0 / x, [1.0, RECIPROCAL_MAX], true, stride);
     ulps("reciprocal", reciprocal, RECIPROCAL_ULPS);
+    let divisors = [1.0 / RECIPROCAL_MAX, RECIPROCAL_MAX / 4.0];
+    let third = worst::<S, Third>(simd, |x| 1.0 / (3.0 * x), divisors, true, stride);
+    ulps("quotient", third, THIRD_ULPS);
+    let root = worst::<S, InverseSqrt>(simd, |x| 1.0 / x.sqrt(), normal, false, stride);
+    ulps("inverse square root", root, RECIPROCAL_ULPS);
 }
 
 #[test]
