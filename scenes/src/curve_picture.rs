@@ -197,7 +197,7 @@ fn draw(area: &Area, panel: &CurvePanel) -> Drawn {
     }
     match panel.series.len() {
         0 | 1 => Ok(()),
-        _ => draw_legend(area, &panel.series),
+        _ => draw_legend(area, &panel.series, panel.axes.is_some()),
     }
 }
 
@@ -271,24 +271,44 @@ fn draw_series(
     Ok(())
 }
 
-/// Says at the top right, which falling curves leave free, what the colours mean.
-fn draw_legend(area: &Area, series: &[Series]) -> Drawn {
+/// Says what the colours mean: where there is no axis of time (`is_above_free`) in a line in its place if it fits, else at the
+/// top right, which falling curves leave free.
+fn draw_legend(area: &Area, series: &[Series], is_above_free: bool) -> Drawn {
     let widths = series.iter().map(|s| label::width(&s.name, label::HEIGHT));
-    let width = LEGEND[0] + 3.0 * TEXT_GAP + widths.max().unwrap_or(0) as f64;
+    let entry = LEGEND[0] + 3.0 * TEXT_GAP;
+    let [frame, edge] = [0, 2].map(|side| BORDER[side]);
+    let room = PANEL[0] as f64 - frame - edge;
+    let line = widths.clone().map(|width| entry + width as f64).sum::<f64>();
+    if is_above_free && line <= room {
+        let y = (EDGE + label::HEADING as f64 + BORDER[1]) / 2.0;
+        let mut left = frame + (room - line) / 2.0;
+        for (i, (series, width)) in series.iter().zip(widths).enumerate() {
+            draw_entry(area, &series.name, i, [left, y])?;
+            left += entry + width as f64;
+        }
+        return Ok(());
+    }
+    let width = entry + widths.max().unwrap_or(0) as f64;
     let height = TEXT_GAP + series.len() as f64 * LEGEND[1];
     let right = PANEL[0] as f64 - BORDER[2] - TEXT_GAP;
     let (left, top) = (right - width, BORDER[1] + TEXT_GAP);
     let corners = [(fine(left), fine(top)), (fine(right), fine(top + height))];
     area.draw(&Rectangle::new(corners, WHITE.mix(LEGEND_COVER).filled()))?;
     for (i, Series { name, .. }) in series.iter().enumerate() {
-        let y = fine(top + TEXT_GAP / 2.0 + (i as f64 + 0.5) * LEGEND[1]);
-        let [start, end] = [TEXT_GAP, TEXT_GAP + LEGEND[0]].map(|x| fine(left + x));
-        let style = stroke(COLOURS[i % COLOURS.len()], CURVE);
-        area.draw(&PathElement::new([(start, y), (end, y)], style))?;
-        let style = text(label::HEIGHT, INK).pos(Pos::new(HPos::Left, VPos::Center));
-        area.draw_text(name, &style, (end + fine(TEXT_GAP), y))?;
+        let y = top + TEXT_GAP / 2.0 + (i as f64 + 0.5) * LEGEND[1];
+        draw_entry(area, name, i, [left, y])?;
     }
     Ok(())
+}
+
+/// Draws a piece of series `i`'s line from `left` on, at the height `y`, and its `name`.
+fn draw_entry(area: &Area, name: &str, i: usize, [left, y]: [f64; 2]) -> Drawn {
+    let [start, end] = [TEXT_GAP, TEXT_GAP + LEGEND[0]].map(|x| fine(left + x));
+    let y = fine(y);
+    let style = stroke(COLOURS[i % COLOURS.len()], CURVE);
+    area.draw(&PathElement::new([(start, y), (end, y)], style))?;
+    let style = text(label::HEIGHT, INK).pos(Pos::new(HPos::Left, VPos::Center));
+    Ok(area.draw_text(name, &style, (end + fine(TEXT_GAP), y))?)
 }
 
 /// Units of time, in seconds, and from how many of them on each is used.
