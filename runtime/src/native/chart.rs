@@ -71,8 +71,9 @@ impl<V: Vector> Start<V> {
         let pyy = (sxy * sxy).mul_add(qx, syy * syy * qy);
         let pxy = sxy * sxx.mul_add(qx, syy * qy);
         let det = (cos * cos * qx).mul_add(qy, (pxx + pyy + least) * least);
-        let (inverse_root, inverse_height) = (det.inverse_sqrt(), (pyy + least).inverse_sqrt());
-        let height = (pyy + least) * inverse_height;
+        let capped = pyy + least;
+        let (inverse_root, inverse_height) = (det.inverse_sqrt(), capped.inverse_sqrt());
+        let height = capped * inverse_height;
         Start {
             frame: [height * inverse_root, inverse_height, -pxy * inverse_root],
             beta: [bx, by],

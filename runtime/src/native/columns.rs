@@ -11,7 +11,7 @@ pub trait Columns<V: Vector, const N: usize> {
     /// Adds the bias to a row of sums.
     fn add_bias(sums: &mut [V; N], bias: V);
 
-    /// `A` on `R` rows in step.
+    /// `A` on `R` rows; those of tangents, which have one formula each, in step.
     fn finish<A: Activate, const R: usize>(rows: &mut [[V; N]; R]);
 
     /// `A` on all rows, as many in step as hide what each waits for.

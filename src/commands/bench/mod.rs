@@ -4,6 +4,7 @@ mod measure;
 mod queries;
 mod reference;
 mod report;
+mod row;
 mod subjects;
 
 use crate::arguments::BenchOptions;

@@ -1,7 +1,7 @@
 //! The table and the pictures of `bake bench`.
 
-use super::measure::{Results, Row};
 use super::queries::Estimator;
+use super::row::{Results, Row};
 use crate::output;
 use anyhow::Result;
 use bake_scenes::curve_picture::{Axes, CurvePanel, Series, write_curves};
